@@ -20,6 +20,15 @@ class ActiveDamping(TorqueLimits):
     Without drag and rock the characteristic polynomial is then J_2 / J_1 (s^2 + sqrt(J_1 / J_2) om s + om^2)^2: no other k_f, c_f damps the less
     damped pair more. `design` reads k (all springs in series), J_1 (all below), J_2 and the drag c_r of the drive from `chain` and returns a PI
     law. Source: J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668.
+
+    Examples
+    --------
+    >>> from controllers import ActiveDamping
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), ActiveDamping(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      ActiveDamping, continuous: proportional 1579 N m s/rad, integral 2684 N m/rad, reference 60 rpm
     """
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", typical_range=(0.05, 40.0))

@@ -14,6 +14,15 @@ class BrakeForce(BrakeLaw):
 
     Eased, the wheel slows down from w_e = ln(N_p / (margin N_0)) / q on as w' = -(2 mu r margin N_0 / I) exp(q w), and the rest of the stop takes (1 - exp(-q
     w_e)) I / (2 mu r margin N_0 q) instead of w_e I / (2 mu r N_p).
+
+    Examples
+    --------
+    >>> from controllers import BrakeForce
+    >>> from models import DiscBrake
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(DiscBrake(force=0.0)), "6 s", start={"disc.speed": 6.0}, controller=BrakeForce(deceleration=2.5), sample_time="1 ms")
+    >>> print(f"{measure.standstill(run, 'disc.speed', speed=0.1):.2f} s")
+    2.55 s
     """
 
     def sampled(self, signal, period):

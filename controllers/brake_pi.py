@@ -15,6 +15,15 @@ class BrakePI(BrakeLaw):
 
     The deceleration is read from the brake torque T; its integral is the speed in excess of the plan, w - w_p, which is measured and does not drift. The
     torque answers within the sample: with e of one sample acting on the next, `proportional` must stay below 1 for the loop to converge.
+
+    Examples
+    --------
+    >>> from controllers import BrakePI
+    >>> from models import DiscBrake
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(DiscBrake(force=0.0)), "6 s", start={"disc.speed": 6.0}, controller=BrakePI(deceleration=2.5), sample_time="1 ms")
+    >>> print(f"{measure.standstill(run, 'disc.speed', speed=0.1):.2f} s")
+    2.35 s
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")

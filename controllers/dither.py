@@ -69,7 +69,18 @@ class LoadDither(Controller):
 
 @dataclass(frozen=True, kw_only=True)
 class NormalDither(LoadDither):
-    """Sine of one frequency: wave = sin(2 pi frequency t). Continuous or sampled."""
+    """Sine of one frequency: wave = sin(2 pi frequency t). Continuous or sampled.
+
+    Examples
+    --------
+    >>> from controllers import NormalDither
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), NormalDither()))
+    Closed loop: TorsionalChain, BitRock
+      NormalDither, continuous: mean 97 kN, depth 0.5, frequency 1 Hz
+      bit.weight has no effect, because the input bit.weight takes its place
+    """
 
     frequency: Quantity = quantity(1.0, "Hz", "frequency of the dither", above=0)
 
@@ -86,7 +97,18 @@ class NormalDither(LoadDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SquareDither(NormalDither):
-    """Square wave, +1 in the first half of every period; sampled only, so that its jumps fall on samples. As an input: `toolbox.inputs.square`."""
+    """Square wave, +1 in the first half of every period; sampled only, so that its jumps fall on samples. As an input: `toolbox.inputs.square`.
+
+    Examples
+    --------
+    >>> from controllers import SquareDither
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SquareDither(), "10 ms")))
+    Closed loop: TorsionalChain, BitRock
+      SquareDither, sampled every 10 ms: mean 97 kN, depth 0.5, frequency 1 Hz
+      bit.weight has no effect, because the input bit.weight takes its place
+    """
 
     def continuous(self, signal):
         raise SceneError("SquareDither jumps: give `sample_time`, or use the input `square`.")
@@ -97,7 +119,18 @@ class SquareDither(NormalDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SweptDither(NormalDither):
-    """Sine whose frequency swings by `span` about `frequency` within every `sweep_time`: f(t) = frequency + span sin(2 pi t / sweep_time)."""
+    """Sine whose frequency swings by `span` about `frequency` within every `sweep_time`: f(t) = frequency + span sin(2 pi t / sweep_time).
+
+    Examples
+    --------
+    >>> from controllers import SweptDither
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SweptDither()))
+    Closed loop: TorsionalChain, BitRock
+      SweptDither, continuous: mean 97 kN, depth 0.5, frequency 1 Hz, span 0.4 Hz, sweep_time 20 s
+      bit.weight has no effect, because the input bit.weight takes its place
+    """
 
     span: Quantity = quantity(0.4, "Hz", "swing of the frequency either way", at_least=0)
     sweep_time: Quantity = quantity(20.0, "s", "period of the sweep", above=0)
@@ -116,6 +149,16 @@ class PhasedDither(LoadDither):
 
     size < 0 where the contact slips slower while the signal rises, as a block on a belt that moves with it. `unit` is that of the plant's signal `speed`
     unless given.
+
+    Examples
+    --------
+    >>> from controllers import PhasedDither
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), PhasedDither(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      PhasedDither, continuous: mean 97 kN, depth 0.5, reference 60 rpm, size 9.549 rpm
+      bit.weight has no effect, because the input bit.weight takes its place
     """
 
     speed: str = "bit.speed"

@@ -32,6 +32,16 @@ class HInfinity(TorqueLimits):
     gets the torque that is given, and the integral waits while the torque is cut. Sampled, states and integral begin at rest under the torque that acts
     (`controllers.bumpless`). Source: J. C. Doyle, K. Glover, P. P. Khargonekar, B. A. Francis, IEEE Trans. Automatic Control 34 (1989) 831-847. Range: near the
     operating point.
+
+    Examples
+    --------
+    >>> from controllers import HInfinity
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), HInfinity(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      HInfinity, continuous: reference 60 rpm, bit_size 19.1 rpm, angle_size 8 rad, torque_size 3000 N m, disturbance 1000 N m, speed_noise
+        0.2865 rpm, leak 0.005 1/s, margin 1.2, torque 10546 N m, worst 2.468
     """
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))

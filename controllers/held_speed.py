@@ -22,6 +22,15 @@ class HeldSpeed(Controller):
     - Gives `disc.torque` [N m].
 
     Source: textbook (pole placement).
+
+    Examples
+    --------
+    >>> from controllers import HeldSpeed
+    >>> from models import DiscBrake
+    >>> from toolbox import closed_loop, compose, equilibrium
+    >>> loop = closed_loop(compose(DiscBrake(force="1 kN")), HeldSpeed(reference=2.0))
+    >>> print(f"{equilibrium(loop)['disc.speed']:.2f} rad/s")
+    2.00 rad/s
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed",)

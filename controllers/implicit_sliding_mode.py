@@ -22,6 +22,15 @@ class ImplicitSlidingMode(SlidingSurface):
     is its change, of second order. The rate Om' of the set-point is taken from its last two values; both are cut at eta. Sampled only. Source: V. Acary, B.
     Brogliato, Syst. Control Lett. 59 (2010) 284-293 (implicit Euler simulation and discretisation of sliding mode systems); d and Om' are choices of this
     file.
+
+    Examples
+    --------
+    >>> from controllers import ImplicitSlidingMode
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(ImplicitSlidingMode(reference="60 rpm"), "10 ms")))
+    Closed loop: TorsionalChain, BitRock
+      ImplicitSlidingMode, sampled every 10 ms: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m s/rad, learning 0.2
     """
 
     adaptation_gain: Quantity = quantity(

@@ -60,11 +60,21 @@ class Lifting(Controller):
     raise_rate=0.2, weight_relief=0.4`; the price is less weight for two minutes. The law then drives `bit.weight`, and reads the weight that is asked from
     `weight.reference`, of which `weight` is the default.
 
-    `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded are
-    `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the size of the set-point at which it did, else 0), `lifting.held` (how far
-    above the set-point the bit calmed last), and with `weight_relief` `lifting.relief` (the share that is off). Sampled only. Around a law that is
-    designed as a callable, such as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the
-    rotary speed against stick-slip; the rule is a choice of this file.
+    `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded
+    are `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the size of the set-point at which it did, else 0), `lifting.held` (how
+    far above the set-point the bit calmed last), and with `weight_relief` `lifting.relief` (the share that is off). Sampled only. Around a law that is designed as
+    a callable, such as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the rotary speed
+    against stick-slip; the rule is a choice of this file.
+
+    Examples
+    --------
+    >>> from controllers import Lifting, SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, compose, simulate
+    >>> drive = Lifting(SoftTorque(reference="60 rpm"), reference="60 rpm")
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="97 kN")), "120 s", controller=Sampled(drive, "10 ms"))
+    >>> print(f"the bit sticks for {run.time_in('bit', 'stick', after=60.0):.1f} s of the last 60 s")
+    the bit sticks for 0.0 s of the last 60 s
     """
 
     law: Controller = field(default_factory=Controller)

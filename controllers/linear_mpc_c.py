@@ -14,7 +14,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,17 +23,14 @@ from controllers.watchdog import MEMORY
 from toolbox import SceneError
 from toolbox.authoring import Declared, written
 
-if TYPE_CHECKING:
-    from controllers.linear_mpc import PlannedLinear
-
 FAR = 1e30
 """What OSQP takes for infinity."""
 TOLERANCE = 1e-6
 """Largest KKT residual of a plan that is used, as for the active-set solver in Python."""
 
 
-def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int = 20000) -> Declared:
-    """Write NAME.c, NAME.h and the folder NAME_osqp of the solver; compile NAME.c with every .c of the folder and of its `src`.
+def export(law: Any, c: Path, h: Path, period: float, iterations: int = 20000) -> Declared:
+    """Write a `PlannedLinear` as NAME.c, NAME.h and the folder NAME_osqp of the solver; compile NAME.c with every .c of the folder and of its `src`.
 
     Raises SceneError for another period than that of the law.
     """
@@ -65,7 +62,7 @@ def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int 
     return written(c, h, declared, [before, after], _orchestration(name, law, before, after))
 
 
-def _steps(law: PlannedLinear, name: str) -> tuple[ca.Function, ca.Function]:
+def _steps(law: Any, name: str) -> tuple[ca.Function, ca.Function]:
     """Functions (y, memory) -> (g, low, high), and (y, memory, primal, dual, solved) -> (u, next memory, sound).
 
     y: the sensors, the torque that is held at the top, the set-point.  memory: z-, the commands on their way with the last one at the end, the torque of the
@@ -132,7 +129,7 @@ def _steps(law: PlannedLinear, name: str) -> tuple[ca.Function, ca.Function]:
     return before, after
 
 
-def _solver(law: PlannedLinear, folder: Path, name: str, iterations: int) -> None:
+def _solver(law: Any, folder: Path, name: str, iterations: int) -> None:
     """The sources of a solver for the program, in NAME_osqp."""
     import osqp
     from scipy.sparse import csc_matrix, eye
@@ -158,7 +155,7 @@ def _solver(law: PlannedLinear, folder: Path, name: str, iterations: int) -> Non
             raise SceneError(f"Cannot write `{target}`: {error.strerror}.") from None
 
 
-def _orchestration(name: str, law: PlannedLinear, before: ca.Function, after: ca.Function) -> str:
+def _orchestration(name: str, law: Any, before: ca.Function, after: ca.Function) -> str:
     """The step around the solver."""
     many, width = law.program.A.shape
     memory = after.size1_out("next")

@@ -17,6 +17,15 @@ class LQG(LQR):
     `design` returns `OnEstimates(LQR, Kalman)`: estimates are recorded as `estimate.bit.speed`, `estimate.bit.torque` and so on. `late` is the number of
     samples by which commands reach the drive later. Without rock and limits the poles are those of the regulator and those of the filter (separation). With a
     rock the filter knows less than the regulator was designed on, and the tests say how much of that remains.
+
+    Examples
+    --------
+    >>> from controllers import LQG
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), LQG(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      LQG, continuous: reference 60 rpm, top_size 19.1 rpm, bit_size 19.1 rpm, angle_size 8 rad, torque_size 3000 N m, tracking 5 s
     """
 
     @property

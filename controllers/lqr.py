@@ -29,6 +29,15 @@ class LQR(TorqueLimits):
 
     The law measures all states of the string. Range: near that operating point. K holds the twist of that point, too, so that a stuck bit is wound up and freed
     only as fast as the integral overcomes K: tens of seconds at low set-points.
+
+    Examples
+    --------
+    >>> from controllers import LQR
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), LQR(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      LQR, continuous: reference 60 rpm, top_size 19.1 rpm, bit_size 19.1 rpm, angle_size 8 rad, torque_size 3000 N m, tracking 5 s
     """
 
     @property

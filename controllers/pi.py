@@ -19,6 +19,15 @@ class PI(TorqueLimits):
     the signal `top.reference` [rad/s]. Where torque limits are known, the integral is led back with the time proportional / integral, or within one period
     where that is longer: z' = e + (command - wanted) / max(proportional, period integral). Sampled, z begins where the law gives the torque that acts
     (`controllers.bumpless`), at 0 where none does.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), PI(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      PI, continuous: proportional 4000 N m s/rad, integral 1500 N m/rad, reference 60 rpm
     """
 
     proportional: Quantity = quantity(4000.0, "N m s/rad", "proportional gain", at_least=0)
@@ -73,6 +82,15 @@ class StiffPI(PI):
     """PI speed control as stiff as drives are delivered: it holds the top speed and reflects torsional waves.
 
     The gains are chosen for a two-inertia rig (table of 2122 kg m2); they are the usual starting point that shows stick-slip.
+
+    Examples
+    --------
+    >>> from controllers import StiffPI
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), StiffPI(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      StiffPI, continuous: proportional 20000 N m s/rad, integral 2000 N m/rad, reference 60 rpm
     """
 
     proportional: Quantity = quantity(2e4, "N m s/rad", "proportional gain", at_least=0)

@@ -113,7 +113,17 @@ class SlidingSurface(TorqueLimits):
 
 @dataclass(frozen=True)
 class SlidingMode(SlidingSurface):
-    """Sliding mode with a boundary layer: sgn(s) becomes s / width inside |s| < width. Continuous or sampled."""
+    """Sliding mode with a boundary layer: sgn(s) becomes s / width inside |s| < width. Continuous or sampled.
+
+    Examples
+    --------
+    >>> from controllers import SlidingMode
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SlidingMode(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      SlidingMode, continuous: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m s/rad, width 0.4775 rpm
+    """
 
     boundary_layer: Quantity = quantity(0.05, "rad/s", "half-width of the boundary layer", above=0)
 
@@ -148,6 +158,15 @@ class IdealSlidingMode(SlidingSurface):
     """The set-valued form: a relay on the surface with true sliding, s = 0 to round-off and no chatter. Continuous only, without torque limits.
 
     Its contact is `slidingmode`; while it "sticks" the surface is reached and its force is what the equivalent control lacks.
+
+    Examples
+    --------
+    >>> from controllers import IdealSlidingMode
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), IdealSlidingMode(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      IdealSlidingMode, continuous: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m s/rad
     """
 
     def continuous(self, signal):

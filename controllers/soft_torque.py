@@ -20,6 +20,15 @@ class SoftTorque(TorqueLimits):
     top drive, J_r that of the top drive; it returns a PI law with these gains. `detuning` scales both down (above 1) or up. Source: the
     matching condition in J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668, and U. J. F. Aarsnes, F. Di Meglio,
     R. J. Shor, J. Sound Vib. 424 (2018), for lumped strings.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      SoftTorque, continuous: proportional 420.6 N m s/rad, integral 2684 N m/rad, reference 60 rpm
     """
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", typical_range=(0.05, 40.0))

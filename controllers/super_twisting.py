@@ -27,6 +27,16 @@ class SuperTwisting(SlidingSurface):
 
     `disturbance_rate` is L; the field `reaching` is not used. Where torque limits are known, the integral of the surface takes up what the drive
     cannot give. Sampled only.
+
+    Examples
+    --------
+    >>> from controllers import SuperTwisting
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SuperTwisting(reference="60 rpm"), "10 ms")))
+    Closed loop: TorsionalChain, BitRock
+      SuperTwisting, sampled every 10 ms: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m s/rad,
+        disturbance_rate 4 rad/s3
     """
 
     disturbance_rate: Quantity = quantity(4.0, "rad/s3", "bound L on the rate of what the equivalent control lacks", above=0)
@@ -55,6 +65,16 @@ class ImpedanceSuperTwisting(SuperTwisting):
 
     tau is the torque of the string on the drive, whose rate over Z is the disturbance. On s = 0, tau = -Z (w_r - Om) - surface Z int (w_r - Om). `impedance` is
     sqrt(k J_b) of the chain unless given, `surface` the rate at which the set-point is won back. Measures no bit speed.
+
+    Examples
+    --------
+    >>> from controllers import ImpedanceSuperTwisting
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(ImpedanceSuperTwisting(reference="60 rpm"), "10 ms")))
+    Closed loop: TorsionalChain, BitRock
+      ImpedanceSuperTwisting, sampled every 10 ms: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m
+        s/rad, disturbance_rate 4 rad/s3, impedance 420.6 N m s/rad
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed", "top.load")

@@ -32,6 +32,16 @@ class ZTorque(TorqueLimits):
     where the law gives the torque that acts (`controllers.bumpless`), both at 0 where none acts.
 
     Source: the matching of U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018); J_c and I are choices of this file.
+
+    Examples
+    --------
+    >>> from controllers import ZTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), ZTorque(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      ZTorque, continuous: impedance 0 N m s/rad, integral 94.6 N m/rad, inertia 1719 kg m2, filter_time 0.05 s, back_calculation 420.6 N m
+        s/rad, reference 60 rpm
     """
 
     impedance: OptionalQuantity = quantity(None, "N m s/rad", "gain P", at_least=0)

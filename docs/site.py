@@ -32,9 +32,9 @@ SHOWN = {
 
 def on_config(config: Any) -> Any:
     """Put the notebooks, which are not files of this folder, into the navigation."""
-    for entry in config["nav"]:
-        if "Gallery" in entry:
-            entry["Gallery"] = ["gallery.md", *({_title(path): f"notebooks/{path.stem}.md"} for path in NOTEBOOKS)]
+    tutorials = next(entry["Tutorials"] for entry in config["nav"] if "Tutorials" in entry)
+    place = next(entry for entry in tutorials if "Notebooks" in entry)
+    place["Notebooks"] = [{_title(path): f"notebooks/{path.stem}.md"} for path in NOTEBOOKS]
     return config
 
 
@@ -48,6 +48,8 @@ def on_files(files: Any, config: Any) -> Any:
         for name, content in pictures.items():
             files.append(File.generated(config, f"notebooks/{name}", content=content))
     files.append(File.generated(config, "gallery.md", content=gallery_page()))
+    files.append(File.generated(config, "changelog.md", content=(ROOT / "CHANGELOG.md").read_text(encoding="utf-8")))
+    files.append(File.generated(config, "licence.md", content=licence_page()))
     return files
 
 
@@ -107,6 +109,21 @@ def gallery_page() -> str:
             if name in SHOWN:
                 lines.append(_card(f"python -m studies {name}", escape(question), f"figures/{SHOWN[name]}", f"figures/{SHOWN[name]}"))
     return "\n".join([*lines, "</div>", ""])
+
+
+def licence_page() -> str:
+    """The licence, and how to cite the toolbox."""
+    licence, citation = ((ROOT / name).read_text(encoding="utf-8") for name in ("LICENSE", "CITATION.cff"))
+    lines = [
+        "# Licence and citation",
+        "",
+        "The toolbox is free software under the BSD 3-Clause licence (license).",
+        "",
+        "```text",
+        licence.rstrip(),
+        "```",
+    ]
+    return "\n".join([*lines, "", "## How to cite", "", "`CITATION.cff`:", "", "```yaml", citation.rstrip(), "```", ""])
 
 
 def _card(title: str, text: str, picture: str | None, link: str) -> str:

@@ -74,7 +74,9 @@ from .survey import read_survey as read_survey
 from .tabulated_string import DrillString as DrillString
 from .top_drive import TopDrive as TopDrive
 from .torque_and_drag import TorqueDrag as TorqueDrag
+from .torque_and_drag import TorqueDragOperations as TorqueDragOperations
 from .torque_and_drag import torque_drag as torque_drag
+from .torque_and_drag import torque_drag_operations as torque_drag_operations
 from .torsional_pendulum import TorsionalPendulum as TorsionalPendulum
 from .valve_spool import ValveSpool as ValveSpool
 from .wall_friction import StringOnWall as StringOnWall

@@ -29,6 +29,13 @@ class AxialChain(Component):
 
     What is between bit and rock gives the weight on bit: `ElasticRock`, `DragBit`. Textbook; the defaults have the size of a 1000 m string on ten lines and
     are chosen.
+
+    Examples
+    --------
+    >>> from models import AxialChain
+    >>> from toolbox import compose
+    >>> print(compose(AxialChain()))
+    HybridSystem(AxialChain): 2 states (axial.stretch, axial.speed); contacts: none; inputs: bit.weight [N], hook.speed [m/s]
     """
 
     mass: Quantities = quantity((34_000.0,), "kg", "masses, top first", above=0, typical_range=(1e-3, math.inf))

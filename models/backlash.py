@@ -18,6 +18,14 @@ class BacklashDrive(Component):
     """A driven body that takes another along through a play, with impacts; its input is the force `driver.force`.
 
     Numbers are chosen. Equations: `models.backlash`.
+
+    Examples
+    --------
+    >>> from models import BacklashDrive
+    >>> from toolbox import compose
+    >>> plant = compose(BacklashDrive())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    4 states, 4 contacts
     """
 
     driving_mass: Quantity = quantity(1.0, "kg", "mass of the driving body", above=0)

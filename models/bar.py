@@ -32,6 +32,14 @@ class OscillatorOnBar(Component):
     A reconstruction after Hong et al. (oscillator on a clamped-clamped axial bar), of whom only the statement on the two periods is known here; the
     defaults are chosen. Range: small strain, travel small beside the length (the contact keeps its place on the bar), periods longer than that of
     the last mode. A mode with a node at the contact never moves.
+
+    Examples
+    --------
+    >>> from models import OscillatorOnBar
+    >>> from toolbox import compose
+    >>> plant = compose(OscillatorOnBar())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    8 states, 1 contacts
     """
 
     mass: Quantity = quantity(0.1, "kg", "mass m of the oscillator", above=0)

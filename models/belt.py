@@ -20,6 +20,13 @@ class Block(Component):
     - Needs the signals `block.force` u [N] (default 0) and `block.attachment` a [N] (default 0), the force of what is tied to it: a friction damper, an
       absorber, a bristle.
     - Gives the signals `block.position` x [m], `block.speed` v [m/s].
+
+    Examples
+    --------
+    >>> from models import Block
+    >>> from toolbox import compose
+    >>> print(compose(Block()))
+    HybridSystem(Block): 2 states (block.position, block.speed); contacts: none; inputs: block.force [N], block.attachment [N]
     """
 
     mass: Quantity = quantity(1.0, "kg", "mass of the block", above=0)
@@ -48,6 +55,13 @@ class BlockOnBelt(Component):
 
     Defaults are the numbers of Leine et al., Nonlinear Dynamics 16 (1998) 41-54: stick-slip of amplitude about one, stick while |k x| <= F_s. At belt speed 0
     it is the oscillator of J. P. Den Hartog (1931).
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose
+    >>> print(compose(BlockOnBelt()))
+    HybridSystem(BlockOnBelt): 2 states (block.position, block.speed); contacts: belt; inputs: block.force [N], block.load [N], block.attachment [N]
     """
 
     mass: Quantity = quantity(1.0, "kg", "mass of the block", above=0, source="Leine et al. (1998)")
@@ -87,6 +101,13 @@ class Guide(Component):
     decides how they share a force that holds it.
 
     Source: textbook; numbers chosen.
+
+    Examples
+    --------
+    >>> from models import Block, Guide
+    >>> from toolbox import compose
+    >>> print(compose(Block(), Guide()))
+    HybridSystem(Block, Guide): 2 states (block.position, block.speed); contacts: guide; inputs: block.force [N], guide.load [N]
     """
 
     load: Quantity = quantity(1.0, "N", "normal load; 1 where the law is a force", at_least=0)
@@ -115,6 +136,13 @@ class BlocksOnBelt(Component):
     - Contacts: `belt.i`.
 
     Two equal blocks started alike move as one block alone. Defaults: two of Leine's blocks, one a fifth heavier, with a soft tie (chosen).
+
+    Examples
+    --------
+    >>> from models import BlocksOnBelt
+    >>> from toolbox import compose
+    >>> print(compose(BlocksOnBelt()))
+    HybridSystem(BlocksOnBelt): 4 states (blocks.position, blocks.speed); contacts: belt.0, belt.1; inputs: blocks.force.0 [N], blocks.force.1 [N]
     """
 
     mass: Quantities = quantity((1.0, 1.2), "kg", "masses", above=0)
@@ -159,6 +187,14 @@ class Absorber(Component):
 
     `Absorber.tuned` gives the one that lets a block bear the most falling friction. An oscillator on an elastic foundation with an absorber is that of
     Maegawa and Itoigawa, of whose work only this much is known here: a reconstruction. Defaults: tuned to a block of 1 kg on 1 N/m.
+
+    Examples
+    --------
+    >>> from models import Absorber, BlockOnBelt
+    >>> from toolbox import compose
+    >>> print(compose(BlockOnBelt(), Absorber()))
+    HybridSystem(BlockOnBelt, Absorber): 4 states (block.position, block.speed, absorber.position, absorber.speed); contacts: belt; inputs:
+      block.force [N], block.load [N]
     """
 
     mass: Quantity = quantity(0.1, "kg", "mass of the absorber", above=0)

@@ -18,6 +18,13 @@ class BitRock(Component):
 
     Defaults: E. M. Navarro-Lopez, D. Cortes, J. Sound Vib. 307 (2007) 152-171, doi:10.1016/j.jsv.2007.06.037 (mu_c 0.5, mu_s 0.8, gamma 0.9, v_f 1 rad/s, so
     that decay = gamma / v_f = 0.9 s/rad). The viscous drag of the bit belongs to the chain.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> print(compose(wells.JANSEN_2, BitRock(weight="97 kN", radius="6 1/8 in")))
+    HybridSystem(TorsionalChain, BitRock): 3 states (chain.twist, chain.speed); contacts: bit; inputs: top.torque [N m], bit.weight [N]
     """
 
     weight: Quantity = quantity(

@@ -82,6 +82,14 @@ class BristleContact(Component):
     A load that varies must stay above 0; where it falls by more than 1e4 of itself per second a bristle may be left "beyond" its bound. One coefficient mu:
     without inertia a bristle would jump from a static to a lower kinetic bound. Source: textbook (Jenkins element, Iwan model). The stiffness is an
     assumption.
+
+    Examples
+    --------
+    >>> from models import BristleContact
+    >>> from toolbox import compose
+    >>> plant = compose(BristleContact())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    16 states, 16 contacts
     """
 
     n: int = 16

@@ -57,6 +57,13 @@ class Dahl(Bristle):
 
     From rest the force depends on the distance d alone: |F| = mu N (1 - exp(-s d / mu)). It has no break-away force above mu N, so there is no stick-slip.
     Range: any speed. Source: P. R. Dahl (1968), with the exponent 1. Defaults: chosen.
+
+    Examples
+    --------
+    >>> from models import Dahl
+    >>> law = Dahl()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [1.0, 1.0, 1.0]
     """
 
     stiffness: Quantity = quantity(
@@ -79,6 +86,13 @@ class LuGre(Bristle):
     never negative while |v| <= 4 g(|v|) (s1 + s2) / s1^2; beyond, a constant s1 can give back more than it took. Pulled slowly it breaks away near the static
     bound; the faster the pull, the lower the peak. Source: C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, IEEE Trans. Automatic Control 40 (1995)
     419-425. Defaults: chosen, of the size of Leine's block.
+
+    Examples
+    --------
+    >>> from models import LuGre
+    >>> law = LuGre()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [0.896, 0.62, 0.6]
     """
 
     stiffness: Quantity = quantity(
@@ -97,6 +111,13 @@ class Dankowicz(Bristle):
     z_m of sliding one way, |F| = N mu(|v|). The model stores no energy: pulling back bent asperities costs as much as they gave, so that it drives the contact
     while z and v differ in sign. A reconstruction after H. Dankowicz, ZAMM 79 (1999) 399-409, with a law in place of the separation of the surfaces that the
     source couples to the slip. Defaults: chosen.
+
+    Examples
+    --------
+    >>> from models import Dankowicz
+    >>> law = Dankowicz()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [1.0, 1.0, 1.0]
     """
 
     reach: Quantity = quantity(0.01, "m", "largest deflection z_m (rad for rotation)", above=0)

@@ -39,6 +39,13 @@ class CrankSlider(Component):
     """A crank that moves a slider by a connecting rod, with dry friction at the guide: x = r cos a + sqrt(l^2 - (r sin a)^2).
 
     Its input is the torque `crank.torque`. Range: rod longer than the crank. Numbers are chosen. Equations and source: `models.cranks`.
+
+    Examples
+    --------
+    >>> from models import CrankSlider
+    >>> from toolbox import compose
+    >>> print(compose(CrankSlider()))
+    HybridSystem(CrankSlider): 2 states (crank.angle, crank.speed); contacts: guide; inputs: crank.torque [N m]
     """
 
     inertia: Quantity = quantity(0.01, "kg m2", "inertia of the crank", above=0)
@@ -63,6 +70,13 @@ class ScotchYoke(Component):
     """A pin on a crank that moves a slotted yoke to and fro, with dry friction at its guide: x = r sin a.
 
     Its input is the torque `crank.torque`. Numbers are chosen. Equations and source: `models.cranks`.
+
+    Examples
+    --------
+    >>> from models import ScotchYoke
+    >>> from toolbox import compose
+    >>> print(compose(ScotchYoke()))
+    HybridSystem(ScotchYoke): 2 states (crank.angle, crank.speed); contacts: guide; inputs: crank.torque [N m]
     """
 
     inertia: Quantity = quantity(1.0, "kg m2", "inertia of the crank", above=0)

@@ -23,6 +23,14 @@ class FrictionDamper(Component):
 
     Why a mass: the slider's speed is then a state that sticks exactly. c_d calms its ringing on the spring; the default is critical for the default mass.
     Range: sqrt(k_d / m_d) far above the vibration. Source: textbook; numbers chosen.
+
+    Examples
+    --------
+    >>> from models import Block, FrictionDamper
+    >>> from toolbox import compose
+    >>> print(compose(Block(), FrictionDamper()))
+    HybridSystem(Block, FrictionDamper): 4 states (block.position, block.speed, damper.stretch, damper.speed); contacts: damper; inputs:
+      block.force [N], damper.load [N]
     """
 
     stiffness: Quantity = quantity(1.0, "N/m", "stiffness k_d between block and slider", above=0)

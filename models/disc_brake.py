@@ -28,6 +28,14 @@ class DiscBrake(Component):
     published: a passenger car of 1600 kg on tyres of 0.3 m, a quarter of it as inertia on the disc, pads and caliper at 50 Hz. The pad then loses its damping
     where 2 N (mu_s - mu_k) decay exp(-decay r w) > c. The form of the plant is that of the disc and pad with normal harmonic force of Balaram et al., of which
     only this much is known here: a reconstruction.
+
+    Examples
+    --------
+    >>> from models import DiscBrake
+    >>> from toolbox import compose
+    >>> plant = compose(DiscBrake())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    3 states, 1 contacts
     """
 
     inertia: Quantity = quantity(

@@ -38,6 +38,14 @@ class DiskStack(Component):
 
     A reconstruction: of the eight-rotor assembly of J. A. Larsson and K. Farhang only the abstract is known (slip phases of nearly constant
     duration, stick phases that grow until the last). Equations and all numbers are chosen to show that.
+
+    Examples
+    --------
+    >>> from models import DiskStack
+    >>> from toolbox import compose
+    >>> plant = compose(DiskStack())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    69 states, 16 contacts
     """
 
     rotors: int = 8

@@ -90,6 +90,14 @@ class TwoDisks(Component):
     A reconstruction: only the abstract of J. A. Larsson and K. Farhang (2016) is public. The equations and the defaults (a stop from `disks.rotor_speed` = 2
     rad/s) are chosen to show what it reports: cycles that start near the period of the stator and end near three times as much. From up to 4 rad/s every
     cycle is computable; from 6 rad/s on the motion of the stator dies to round-off before its damping turns negative, and `run.error` is of order one.
+
+    Examples
+    --------
+    >>> from models import TwoDisks
+    >>> from toolbox import compose
+    >>> plant = compose(TwoDisks())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    3 states, 1 contacts
     """
 
     rotor_inertia: Quantity = quantity(20.0, "kg m2", "inertia of the rotor", above=0)
@@ -138,6 +146,14 @@ class PressedDisks(Component):
     Friction does not act back on the axial motion. A reconstruction, as `TwoDisks`: axial masses, contact, gap and torsion are a set that shows what the
     abstract reports in a stop from 10 rad/s with the force ramped up in 50 ms; the mount of the stator in axial direction (k_a, c_a) is an assumption on top
     of it.
+
+    Examples
+    --------
+    >>> from models import PressedDisks
+    >>> from toolbox import compose
+    >>> plant = compose(PressedDisks())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    7 states, 2 contacts
     """
 
     rotor_inertia: Quantity = quantity(5.0, "kg m2", "inertia of the rotor", above=0)

@@ -25,10 +25,17 @@ class TorsionalChain(Component):
     - Gives the signals `top.speed`, `bit.speed` [rad/s], `top.load` [N m], the torque of the string on the top inertia, `bit.free_acceleration` [rad/s2],
       that of the last inertia without the rock, and `bit.inertia` [kg m2].
 
-    `friction` adds dry friction at every inertia i, contact `chain.i` (i from 0, like the columns of `chain.speed`), with load `friction_load[i]`; with
-    one load less the last inertia has none, as where `BitRock` holds it. `friction_at` names the inertias that have friction, one for each load, where
-    others have none. `drag` c_i adds to `top_drag` and `bit_drag`. `collar_index` is the inertia (-1 for the last) on which a part acts sideways of the
-    string, such as `WhirlingCollar`: it needs `collar.torque` [N m] (0) and gives `collar.speed` [rad/s].
+    `friction` adds dry friction at every inertia i, contact `chain.i` (i from 0, like the columns of `chain.speed`), with load `friction_load[i]`; with one
+    load less the last inertia has none, as where `BitRock` holds it. `friction_at` names the inertias that have friction, one for each load, where others
+    have none. `drag` c_i adds to `top_drag` and `bit_drag`. `collar_index` is the inertia (-1 for the last) on which a part acts sideways of the string, such as
+    `WhirlingCollar`: it needs `collar.torque` [N m] (0) and gives `collar.speed` [rad/s].
+
+    Examples
+    --------
+    >>> from models import TorsionalChain
+    >>> from toolbox import compose
+    >>> print(compose(TorsionalChain()))
+    HybridSystem(TorsionalChain): 3 states (chain.twist, chain.speed); contacts: none; inputs: top.torque [N m], bit.torque [N m]
     """
 
     inertia: Quantities = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)

@@ -38,6 +38,13 @@ class FlowLine(Component):
 
     Range: one-dimensional flow, laminar where R is that of Poiseuille; waves of some ten segments and longer; pressures relative to the surroundings. The
     defaults are an example.
+
+    Examples
+    --------
+    >>> from models import FlowLine
+    >>> from toolbox import compose
+    >>> print(compose(FlowLine()))
+    HybridSystem(FlowLine): 2 states (line.pressure, line.flow); contacts: none; inputs: line.inlet_flow [m3/s], line.outlet_pressure [Pa]
     """
 
     resistance: Quantities = quantity((1e7,), "Pa s/m3", "viscous resistance R of every segment", at_least=0)
@@ -145,6 +152,13 @@ class OutletRCR(Component):
     - State: `outlet.pressure` p_d [Pa].
 
     For a mud line it models the annulus and the choke. The defaults are an example.
+
+    Examples
+    --------
+    >>> from models import OutletRCR
+    >>> from toolbox import compose
+    >>> print(compose(OutletRCR()))
+    HybridSystem(OutletRCR): 1 states (outlet.pressure); contacts: none; inputs: line.outlet_flow [m3/s]
     """
 
     proximal: Quantity = quantity(1e6, "Pa s/m3", "resistance R_p before the capacitor", at_least=0)

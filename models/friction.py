@@ -41,6 +41,13 @@ class Coulomb(_Falling):
     """Constant kinetic friction below a static bound: mu(v) = kinetic, |F| <= static at rest.
 
     Range: any speed. Source: textbook.
+
+    Examples
+    --------
+    >>> from models import Coulomb
+    >>> law = Coulomb()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [0.3, 0.3, 0.3]
     """
 
     static: Quantity = quantity(0.5, "1", "static coefficient", at_least=0)
@@ -56,6 +63,13 @@ class Exponential(_Falling):
 
     The bit law of Navarro-Lopez and Cortes (2007) is this with static 0.8, kinetic 0.5, decay = gamma / v_f = 0.9 s/rad; the law of Larsson
     and Farhang (2016) for two disks has decay = alpha. Range: decay >= 0, from constant friction to a jump.
+
+    Examples
+    --------
+    >>> from models import Exponential
+    >>> law = Exponential()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [0.774, 0.622, 0.5]
     """
 
     static: Quantity = quantity(0.8, "1", "static coefficient", at_least=0, source="Navarro-Lopez and Cortes (2007)")
@@ -74,6 +88,13 @@ class Transition(_Falling):
 
     A smooth substitute for the law of a rotating drill string that drops from static to kinetic at a speed w_c: 94 % of the drop lie between 0.42 and
     1.37 times `transition_speed`. Defaults: mu 0.3, ratio 0.65, w_c = 1.5 rad/s of U. J. F. Aarsnes and R. J. Shor (2018), whose law jumps there.
+
+    Examples
+    --------
+    >>> from models import Transition
+    >>> law = Transition()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [0.3, 0.281, 0.195]
     """
 
     static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0, source="Aarsnes and Shor (2018)")
@@ -93,6 +114,14 @@ class Drop(_Falling):
 
     The drop is a break of the law, located as an event; `Transition` is its smooth counterpart. Source: U. J. F. Aarsnes, R. J. Shor (2018),
     with static 0.3, kinetic 0.65 of it and 1.5 rad/s.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt, Drop
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(BlockOnBelt(friction=Drop(speed=0.1))), "60 s")
+    >>> print(f"the block sticks for {measure.stuck_ratio(run, 'belt'):.0%} of the time")
+    the block sticks for 25% of the time
     """
 
     static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0, source="Aarsnes and Shor (2018)")
@@ -112,6 +141,13 @@ class GaussianStribeck(_Falling):
 
     Its slope is zero at rest and steepest at speed / sqrt(2), where mu' = -sqrt(2 / e) (static - kinetic) / speed. Viscous friction belongs to the part that
     moves (`drag` of a `BlockOnBelt`). Range: any speed. Source: B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083-1138.
+
+    Examples
+    --------
+    >>> from models import GaussianStribeck
+    >>> law = GaussianStribeck()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [1.184, 1.0, 1.0]
     """
 
     static: Quantity = quantity(1.5, "1", "static coefficient", at_least=0)
@@ -128,6 +164,13 @@ class RationalStribeck(_Falling):
 
     The law of the blocks of K. Popp, P. Stelter, Phil. Trans. R. Soc. Lond. A 332 (1990) 89-105, and of U. Galvanetto, S. R. Bishop, who write it as
     (1 - delta) / (1 + gamma |v|) + delta + eta v^2. `Hyperbolic` is this with kinetic = rise = 0. Range: any speed.
+
+    Examples
+    --------
+    >>> from models import RationalStribeck
+    >>> law = RationalStribeck()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [0.331, 0.175, 0.11]
     """
 
     static: Quantity = quantity(0.4, "1", "static coefficient", at_least=0)
@@ -145,6 +188,13 @@ class Tabulated(_Static):
 
     The first speed is 0: its coefficient is that of beginning slip, at most `static`, the bound at rest. Every speed within is a kink, located as an event is,
     so that the accuracy of a run does not suffer from it. Range: rows of a few to some dozens; the numbers are an example.
+
+    Examples
+    --------
+    >>> from models import Tabulated
+    >>> law = Tabulated()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [0.3, 0.217, 0.25]
     """
 
     speeds: Quantities = quantity((0.0, 0.1, 0.5, 2.0), "m/s", "slip speeds, from 0 upwards (rad/s for rotation)", at_least=0)
@@ -176,6 +226,13 @@ class Hyperbolic(_Static):
 
     Leine et al. (1998) use static = 1 N, decay = 3 s/m: the load is then 1. Source: R. I. Leine, D. H. van Campen, A. de Kraker, L. van
     den Steen, Nonlinear Dynamics 16 (1998) 41-54, doi:10.1023/A:1008289604683.
+
+    Examples
+    --------
+    >>> from models import Hyperbolic
+    >>> law = Hyperbolic()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [0.769, 0.25, 0.032]
     """
 
     static: Quantity = quantity(1.0, "N", "static bound", at_least=0, source="Leine et al. (1998)")
@@ -191,6 +248,13 @@ class CubicStribeck(_Falling):
 
     mu(v_m) = minimum; beyond v_m friction rises again. Source: J. J. Thomsen, A. Fidlin, Int. J. Non-Linear Mechanics 38 (2003) 389-403,
     doi:10.1016/S0020-7462(01)00073-7.
+
+    Examples
+    --------
+    >>> from models import CubicStribeck
+    >>> law = CubicStribeck()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 0.5, 1.0)])
+    [0.356, 0.25, 0.55]
     """
 
     static: Quantity = quantity(0.4, "1", "static coefficient", at_least=0)
@@ -209,6 +273,13 @@ class Viscous(FrictionLaw):
 
     `dry` says what friction is at rest and how it falls; the viscous term adds to it in slip only. It is per unit of load: at a contact whose load is 1, N m s
     per rad, or N s/m. For drag that no load causes, give the body a damper of its own. Range: viscous >= 0. Source: textbook (Stribeck curve).
+
+    Examples
+    --------
+    >>> from models import Viscous
+    >>> law = Viscous()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [0.31, 0.4, 1.3]
     """
 
     dry: FrictionLaw = Coulomb()
@@ -236,6 +307,13 @@ class TwoWay(FrictionLaw):
     """Friction that is another one forwards (slip > 0) than backwards: as of a lip seal, a brush, a worm or a shoe that digs in one way.
 
     At rest the force may be anything from -forward.breakaway() to +backward.breakaway() times the load. Source: textbook.
+
+    Examples
+    --------
+    >>> from models import TwoWay
+    >>> law = TwoWay()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [0.3, 0.3, 0.3]
     """
 
     forward: FrictionLaw = Coulomb()

@@ -23,6 +23,13 @@ class GearStage(Component):
     """A pair of gears between a driving and a driven shaft, with a loss table and a bearing; its inputs are `input.torque` and `output.torque`.
 
     Numbers are chosen. Equations and source: `models.gear_stage`.
+
+    Examples
+    --------
+    >>> from models import GearStage
+    >>> from toolbox import compose
+    >>> print(compose(GearStage()))
+    HybridSystem(GearStage): 3 states (teeth.twist, input.speed, output.speed); contacts: bearing, teeth; inputs: input.torque [N m], output.torque [N m]
     """
 
     ratio: Quantity = quantity(2.0, "1", "speed of the driving shaft in parts of that of the driven one", above=0)

@@ -244,6 +244,13 @@ class GearNetwork(Component):
 
     `driven` is a node that control laws take for the top drive: their `top.torque` and `top.speed` are its torque and speed. Range: two lossy trains with the
     same a and the same carrier share one slip and are refused; no backlash. The numbers are examples.
+
+    Examples
+    --------
+    >>> from models import GearNetwork
+    >>> from toolbox import compose
+    >>> print(compose(GearNetwork()))
+    HybridSystem(GearNetwork): 3 states (gears.speed, gears.windup); contacts: none; inputs: sun.torque [N m], carrier.torque [N m]
     """
 
     nodes: tuple[str, ...] = ("sun", "carrier")

@@ -42,6 +42,13 @@ class HandArm(Component):
 
     Range: small vibration along one direction, a fixed posture and grip. Numbers are the user's: the defaults (two masses) only have the order of magnitude
     of a hand and a forearm and come from no source.
+
+    Examples
+    --------
+    >>> from models import HandArm
+    >>> from toolbox import compose
+    >>> print(compose(HandArm()))
+    HybridSystem(HandArm): 5 states (hand.compression, hand.speed); contacts: none; inputs: handle.speed [m/s]
     """
 
     mass: Quantities = quantity((0.5, 2.0), "kg", "masses, from the handle on", above=0)

@@ -63,6 +63,13 @@ class HystereticBitRock(Component):
     With `beta1` the rate form of the hysteretic law of F. F. Real et al. (2018), without it the switched form, both on the law of Navarro-Lopez and Cortes
     (2007), which unlike the smooth law sticks. It stands in for the hysteretic dry friction of Hong and Dhupia, a reconstruction; beta0 and beta1 are
     assumed. Range: beta0 <= 1, else the lower branch would drive the bit.
+
+    Examples
+    --------
+    >>> from models import HystereticBitRock, wells
+    >>> from toolbox import compose
+    >>> print(compose(wells.JANSEN_2, HystereticBitRock()))
+    HybridSystem(TorsionalChain, HystereticBitRock): 3 states (chain.twist, chain.speed); contacts: bit; inputs: top.torque [N m], bit.weight [N]
     """
 
     weight: Quantity = quantity(
@@ -105,6 +112,13 @@ class SmoothHystereticBitRock(SmoothBitRock):
 
     Signals as `HystereticBitRock`; no contact, and no stick. Source: F. F. Real et al. (2018) for law and b0 .. b3; beta0 and beta1 are
     assumed. Range: as `SmoothBitRock`, beta0 <= 1.
+
+    Examples
+    --------
+    >>> from models import SmoothHystereticBitRock, wells
+    >>> from toolbox import compose
+    >>> print(compose(wells.JANSEN_2, SmoothHystereticBitRock()))
+    HybridSystem(TorsionalChain, SmoothHystereticBitRock): 3 states (chain.twist, chain.speed); contacts: none; inputs: top.torque [N m], bit.weight [N]
     """
 
     beta0: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)

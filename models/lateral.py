@@ -43,6 +43,15 @@ class WhirlingCollar(Component):
     The wall is elastic (`wall_stiffness`, `wall_damping`), or rigid where `restitution` is given. Range: one bending mode; beyond the weight that makes k_l
     negative the collar lies on the wall. A reconstruction: it replaces the torsional-lateral string of Hong and Dhupia, of which only the abstract was read,
     with equations and numbers published at UFRJ, Rio de Janeiro (wall 1e9 to 1e10 N/m and 0 to 1000 N s/m; restitution is an alternative).
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from models import BitRock, WhirlingCollar, wells
+    >>> from toolbox import compose
+    >>> plant = compose(replace(wells.UFRJ_2, collar=-1), BitRock(), WhirlingCollar())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    8 states, 3 contacts
     """
 
     span: Quantity = quantity(8.55, "m", "length L between stabilisers", above=0, typical_range=(0.5, 500.0))

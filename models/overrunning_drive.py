@@ -18,6 +18,13 @@ class OverrunningDrive(Component):
     """A shaft that drives another by a one-way clutch; its inputs are the torques `driver.torque` and `driven.load`.
 
     Numbers are chosen. Equations: `models.overrunning_drive`.
+
+    Examples
+    --------
+    >>> from models import OverrunningDrive
+    >>> from toolbox import compose
+    >>> print(compose(OverrunningDrive()))
+    HybridSystem(OverrunningDrive): 2 states (driver.speed, driven.speed); contacts: clutch; inputs: driver.torque [N m], driven.load [N m]
     """
 
     driving_inertia: Quantity = quantity(1.0, "kg m2", "inertia of the driving shaft", above=0)

@@ -26,6 +26,13 @@ class RateAndState(FrictionLaw):
     State of a contact `pad`: `pad.age` psi; 0 at the start, steady sliding at v_0. Range: b psi > -mu_0. Sources: A. Ruina, J. Geophys. Res. 88 (1983)
     10359-10370; J. R. Rice, A. L. Ruina, J. Appl. Mech. 50 (1983) 343-349 (stability, with mass); J. R. Rice, Y. Ben-Zion, PNAS 93 (1996) 3811-3818, and
     N. Lapusta et al., J. Geophys. Res. 105 (2000) 23765-23789 (near rest). Defaults: chosen, of the size measured on rock.
+
+    Examples
+    --------
+    >>> from models import RateAndState
+    >>> law = RateAndState()
+    >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
+    [0.542, 0.531, 0.519]
     """
 
     base: Quantity = quantity(0.6, "1", "coefficient mu_0 of steady sliding at v_0", above=0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -90,6 +90,13 @@ class Section:
     ------
     SceneError
         Where a number is no positive finite number (the inner diameter may be 0) or the inner diameter is not below the outer one.
+
+    Examples
+    --------
+    >>> from models import Section
+    >>> pipe = Section(length="30 ft", outer="5 in", inner="4.276 in")
+    >>> print(f"{pipe.length:.3f} m, outer diameter {pipe.outer * 1e3:.0f} mm")
+    9.144 m, outer diameter 127 mm
     """
 
     length: NumberOrText
@@ -303,3 +310,13 @@ def _tool_joint(table: Table, i: int, row: Mapping[str, Any]) -> ToolJoint | Non
         return ToolJoint(**given) if given else None
     except SceneError as error:
         raise table.error(i, "tool joint OD", str(error)) from None
+
+
+def sections_of(given: Path | str | Sequence[Section]) -> tuple[Section, ...]:
+    """Sections that are given as values or by their table. Raises SceneError for anything else."""
+    if isinstance(given, (str, Path)):
+        return read_sections(given)
+    sections = tuple(section for section in given if isinstance(section, Section)) if isinstance(given, Sequence) else ()
+    if not sections or len(sections) < len(given):
+        raise SceneError(f"Argument `sections` must be the path of a table or Sections, top first, but it is {given!r}.")
+    return sections

@@ -20,6 +20,13 @@ class ShoeBrake(Component):
     """A drum brake with a leading and a trailing shoe; its inputs are the torque `drum.torque` and the press `drum.press` of each shoe [N].
 
     Numbers are chosen. Equations and source: `models.shoe_brake`.
+
+    Examples
+    --------
+    >>> from models import ShoeBrake
+    >>> from toolbox import compose
+    >>> print(compose(ShoeBrake()))
+    HybridSystem(ShoeBrake): 2 states (drum.angle, drum.speed); contacts: leading, trailing, bearing; inputs: drum.torque [N m], drum.press [N]
     """
 
     inertia: Quantity = quantity(0.8, "kg m2", "inertia of the drum", above=0)

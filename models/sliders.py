@@ -20,6 +20,13 @@ class Slider(Component):
 
     Defaults: spring and damper of a published finite-element study of a slider on a plate (10 N/mm, 5 N s/mm); the mass is that of a steel cube of 10 mm, an
     assumption. c / m = 6e5 1/s makes it stiff: an explicit method takes some 2e5 steps per second of slip.
+
+    Examples
+    --------
+    >>> from models import Slider
+    >>> from toolbox import compose
+    >>> print(compose(Slider()))
+    HybridSystem(Slider): 2 states (slider.position, slider.speed); contacts: none; inputs: slider.pull [N], plate.drag [N]
     """
 
     mass: Quantity = quantity(7.8e-3, "kg", "mass of the slider (assumed)", above=0)
@@ -47,6 +54,13 @@ class PlateContact(Component):
 
     Defaults: friction of the study that `Slider` names, 0.35 falling to 0.25 with 0.001 s/mm under 0.1 MPa; its area is not stated, 10 mm x 10 mm is assumed,
     hence 10 N.
+
+    Examples
+    --------
+    >>> from models import PlateContact, Slider
+    >>> from toolbox import compose
+    >>> print(compose(Slider(), PlateContact()))
+    HybridSystem(Slider, PlateContact): 2 states (slider.position, slider.speed); contacts: plate; inputs: slider.pull [N], plate.speed [m/s], plate.load [N]
     """
 
     load: Quantity = quantity(10.0, "N", "normal load (0.1 MPa on an assumed 100 mm2)", at_least=0)
@@ -78,6 +92,13 @@ class InclinedSlider(Component):
 
     Numbers and the unusual mass are those of the published study (10 N, 1 N/mm, 1 N s/mm, mu 0.35, 45 deg, g = 9.8 m/s2). The mass keeps the declared force
     where `slider.force` varies. Range: 0 <= a < pi/2.
+
+    Examples
+    --------
+    >>> from models import InclinedSlider
+    >>> from toolbox import compose
+    >>> print(compose(InclinedSlider()))
+    HybridSystem(InclinedSlider): 2 states (slider.position, slider.speed); contacts: slope; inputs: slider.force [N]
     """
 
     force: Quantity = quantity(10.0, "N", "vertical force", above=0)

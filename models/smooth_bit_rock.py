@@ -19,6 +19,13 @@ class SmoothBitRock(Component):
     No contact: this bit creeps and never sticks, so it serves comparisons with published runs, not questions about break-off. T rises to a peak near w =
     1/sqrt(b3), then falls to W b0. Source of law and numbers: F. F. Real et al. (2018), after T. G. Ritto; range: |w| up to some 30 rad/s, where they were
     identified on field data.
+
+    Examples
+    --------
+    >>> from models import SmoothBitRock, wells
+    >>> from toolbox import compose
+    >>> print(compose(wells.JANSEN_2, SmoothBitRock()))
+    HybridSystem(TorsionalChain, SmoothBitRock): 3 states (chain.twist, chain.speed); contacts: none; inputs: top.torque [N m], bit.weight [N]
     """
 
     weight: Quantity = quantity(97_347.0, "N", "weight on bit", at_least=0, typical_range=(500.0, 5e6))

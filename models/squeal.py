@@ -29,6 +29,13 @@ class SquealingPad(Component):
 
     Range: loss of contact is not modelled; a run whose normal force falls below 0 is refused, so keep the preload above k_c |y|. Defaults: the dimensionless
     pad with k_xx = k_yy = 2, k_xy = 1, flutter from mu = 3/4, with damping, preload and speed chosen.
+
+    Examples
+    --------
+    >>> from models import SquealingPad
+    >>> from toolbox import compose
+    >>> print(compose(SquealingPad()))
+    HybridSystem(SquealingPad): 4 states (pad.position, pad.approach, pad.speed, pad.approach_speed); contacts: pad; inputs: none
     """
 
     mass: Quantity = quantity(1.0, "kg", "mass of the pad", above=0)

@@ -20,6 +20,13 @@ class Survey:
     Between stations the hole is an arc of a circle (minimum curvature): its tangent turns from one station to the next at a constant rate about one axis.
     Coordinates are north, east, down; s is an array of measured depths. Raises SceneError where stations are fewer than two, do not begin
     at 0 m, do not increase, or an inclination is outside 0 ... pi. Source: textbook (minimum curvature method).
+
+    Examples
+    --------
+    >>> from models import Survey
+    >>> survey = Survey(depth=(0.0, 800.0, 1400.0), inclination=(0.0, 0.0, 1.0), azimuth=(0.0, 0.0, 0.0))
+    >>> print(len(survey.depth), "stations")
+    3 stations
     """
 
     depth: tuple[NumberOrText, ...]
@@ -214,3 +221,16 @@ def read_survey(path: str | Path) -> Survey:
     if fault:
         raise table.error(*fault)
     return Survey(*columns)
+
+
+def hole_of(given: Path | str | Survey, bottom: float) -> Survey:
+    """A survey that is given as a value or by its table. Raises SceneError for anything else, and where it ends above the bottom [m]."""
+    survey = read_survey(given) if isinstance(given, (str, Path)) else given
+    if not isinstance(survey, Survey):
+        raise SceneError(f"Argument `survey` must be the path of a table or a Survey, but it is {given!r}.")
+    if survey.depth[-1] < bottom - 1e-6 * bottom:
+        where = f" `{given}`" if isinstance(given, (str, Path)) else ""
+        raise SceneError(
+            f"Argument `survey`{where} must reach the end of the string at {bottom:g} m, but its last station is at {survey.depth[-1]:g} m."
+        )
+    return survey

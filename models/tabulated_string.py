@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,10 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 
 from models.drill_string import TorsionalChain
+from models.friction_factors import FrictionFactors
 from models.lumping import MOST, Lumping
-from models.sections import Section, read_sections
+from models.sections import Section, sections_of
 from models.soft_string import side_force
-from models.survey import Survey, read_survey
+from models.survey import Survey, hole_of
+from models.torque_and_drag import TorqueDragOperations, torque_drag_operations
 from toolbox import FrictionLaw, SceneError, quantity
 from toolbox.authoring import NumberOrText, entries, number, whole
 from toolbox.modelling import OptionalQuantities
@@ -21,7 +23,15 @@ from toolbox.modelling import OptionalQuantities
 
 @dataclass(frozen=True)
 class DrillString(TorsionalChain):
-    """A torsional chain made from tables by `DrillString.from_tables`; `depth` says where its inertias are."""
+    """A torsional chain made from tables by `DrillString.from_tables`; `depth` says where its inertias are.
+
+    Examples
+    --------
+    >>> from models import DrillString
+    >>> from toolbox import compose
+    >>> print(compose(DrillString()))
+    HybridSystem(DrillString): 3 states (chain.twist, chain.speed); contacts: none; inputs: top.torque [N m], bit.torque [N m]
+    """
 
     depth: OptionalQuantities = quantity(None, "m", "measured depth of every inertia, for profiles", at_least=0)
 
@@ -49,6 +59,7 @@ class DrillString(TorsionalChain):
         top_drag: Annotated[NumberOrText, "N m s/rad"] = 0.0,
         bit_drag: Annotated[NumberOrText, "N m s/rad"] = 0.0,
         end_depth: Annotated[NumberOrText | None, "m"] = None,
+        friction_factors: Sequence[Sequence[NumberOrText]] | None = None,
         name: str | None = None,
     ) -> DrillString:
         """Make the chain of a string from its sections (top first) and, for friction along it, the survey of its hole.
@@ -87,6 +98,10 @@ class DrillString(TorsionalChain):
             Drag at the ends [N m s/rad].
         end_depth
             Measured depth at which the string ends [m]: its first section, the drill pipe, is longer or shorter than the table says, and what is below stays.
+        friction_factors
+            Kinetic coefficients of friction over depth, in place of that of `friction`: pairs (depth, coefficient) from the top. Each holds down to its
+            measured depth [m], the last to the end of the string: `[["2200 m", 0.2], ["3800 m", 0.3]]` for a casing above an open hole. The static
+            coefficient keeps its ratio to the kinetic one.
         name
             Name of the part, where a plant has two chains.
 
@@ -122,15 +137,23 @@ class DrillString(TorsionalChain):
         fields: dict[str, Any] = {"drag": tuple((drag_rate * inertia).tolist())} if drag_rate else {}
         inertia[0] += top_inertia
         inertia[-1] += bit_inertia
+        if friction_factors is not None and not getattr(friction, "kinetic", 0.0):
+            raise SceneError(
+                f"Argument `friction_factors` must come with a `friction` that has a kinetic coefficient, but that is {friction!r}."
+            )
         if friction is not None:
             if hole is None:
                 raise SceneError("Argument `survey` must be given with `friction`, because the side force follows from it.")
 
+            end = sum(section.length for section in pipes)
+            factors = None if friction_factors is None else FrictionFactors.of("friction_factors", friction_factors, end)
+
             def torque(s: np.ndarray) -> np.ndarray:
-                force = side_force(pipes, hole, s, mud_density=mud_density, weight_on_bit=weight_on_bit, doglegs=doglegs)
+                part = 1.0 if factors is None else factors.at(s) / float(friction.kinetic)  # type: ignore[attr-defined]
+                force = part * side_force(pipes, hole, s, mud_density=mud_density, weight_on_bit=weight_on_bit, doglegs=doglegs)
                 return force * lumping.along([section.contact_radius for section in pipes], s)
 
-            load = lumping.shared(torque, hole.depth)
+            load = lumping.shared(torque, hole.depth if factors is None else (*hole.depth, *factors.depths))
             if on_bottom:
                 load[-2] += load[-1]
                 load[-1] = 0.0
@@ -151,31 +174,42 @@ class DrillString(TorsionalChain):
             **fields,
         )
 
+    @staticmethod
+    def torque_and_drag(tables: Mapping[str, Any], **changes: Any) -> TorqueDragOperations:
+        """Compute torque and drag of the string of `DrillString.from_tables` in the operations of a rig.
 
-def sections_of(given: Path | str | Sequence[Section]) -> tuple[Section, ...]:
-    """Sections that are given as values or by their table. Raises SceneError for anything else."""
-    if isinstance(given, (str, Path)):
-        return read_sections(given)
-    sections = tuple(section for section in given if isinstance(section, Section)) if isinstance(given, Sequence) else ()
-    if not sections or len(sections) < len(given):
-        raise SceneError(f"Argument `sections` must be the path of a table or Sections, top first, but it is {given!r}.")
-    return sections
+        Parameters
+        ----------
+        tables
+            {argument of `from_tables`: value}: sections, survey, friction, friction_factors, mud_density, weight_on_bit and end_depth are read.
+        **changes
+            Arguments of `torque_drag_operations` in place of what the tables say.
+
+        Returns
+        -------
+        TorqueDragOperations
+            Hook load, drag and torque of every operation.
+
+        Raises
+        ------
+        SceneError
+            If there is no survey, no friction, or an argument is out of range.
+        """
+        if tables.get("survey") is None:
+            raise SceneError("Argument `survey` must be given with `sections`, because side forces follow from the path of the hole.")
+        pipes = sections_of(tables["sections"])
+        if tables.get("end_depth") is not None:
+            pipes = _ending_at(pipes, tables["end_depth"])
+        friction = tables.get("friction_factors") or getattr(tables.get("friction"), "kinetic", None)
+        if "friction" not in changes and friction is None:
+            raise SceneError("Argument `friction` must be given: a law with a kinetic coefficient, or friction factors.")
+        known = {name: tables[name] for name in ("mud_density", "weight_on_bit") if name in tables}
+        return torque_drag_operations(
+            pipes, hole_of(tables["survey"], sum(each.length for each in pipes)), **{"friction": friction, **known, **changes}
+        )
 
 
 def _ending_at(pipes: Sequence[Section], depth: NumberOrText) -> tuple[Section, ...]:
     """Sections of which the first is so long that the last ends at a depth [m]."""
     below = sum(section.length for section in pipes[1:])
     return (replace(pipes[0], length=number("end_depth", depth, "m", above=below) - below), *pipes[1:])
-
-
-def hole_of(given: Path | str | Survey, bottom: float) -> Survey:
-    """A survey that is given as a value or by its table. Raises SceneError for anything else, and where it ends above the bottom [m]."""
-    survey = read_survey(given) if isinstance(given, (str, Path)) else given
-    if not isinstance(survey, Survey):
-        raise SceneError(f"Argument `survey` must be the path of a table or a Survey, but it is {given!r}.")
-    if survey.depth[-1] < bottom - 1e-6 * bottom:
-        where = f" `{given}`" if isinstance(given, (str, Path)) else ""
-        raise SceneError(
-            f"Argument `survey`{where} must reach the end of the string at {bottom:g} m, but its last station is at {survey.depth[-1]:g} m."
-        )
-    return survey

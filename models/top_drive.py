@@ -33,6 +33,14 @@ class TopDrive(Component):
     idle torque) one contact, a limit one kink. Without `motor_inertia` the first inertia of the string includes that of the motor, as in published
     sets. The rate limit needs the lag: a limiter without one would be a relay that tracks jumps. An ideal sliding mode needs a drive without lags,
     limits and efficiency, because no motor switches its torque at once. Defaults: lags of 5 ms and 2 ms, typical, no source.
+
+    Examples
+    --------
+    >>> from models import BitRock, TopDrive, wells
+    >>> from toolbox import compose
+    >>> print(compose(wells.JANSEN_2, BitRock(), TopDrive(torque_limit="20 kN m")))
+    HybridSystem(TorsionalChain, BitRock, TopDrive): 5 states (chain.twist, chain.speed, drive.torque, drive.speed); contacts: bit; inputs:
+      bit.weight [N], drive.command [N m]
     """
 
     drive_lag: OptionalQuantity = quantity(0.005, "s", "time constant from command to motor torque", above=0)

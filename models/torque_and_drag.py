@@ -12,18 +12,18 @@ stays as it lay. Source: C. A. Johancsik, D. B. Friesen, R. Dawson, J. Petroleum
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
-from models.sections import Section
-from models.survey import Survey
-from models.tabulated_string import hole_of, sections_of
+from models.friction_factors import FrictionFactors
+from models.sections import Section, sections_of
+from models.survey import Survey, hole_of
 from toolbox import SceneError
-from toolbox.authoring import NumberOrText, Result, columns, new_names_only, number
+from toolbox.authoring import NumberOrText, Result, columns, new_names_only, number, reading, suggest
 
 STEP = 5.0
 """Longest step over depth [m]."""
@@ -71,6 +71,12 @@ class TorqueDrag(Result):
     def sliding(self) -> np.ndarray:
         """Whether the string slides at every depth, shape (n,)."""
         return self.depth <= self.sliding_front
+
+    @property
+    def neutral(self) -> float:
+        """Measured depth below which the string is in compression down to the bit [m]: its end if there is none."""
+        pulled = np.flatnonzero(self.tension >= 0.0)
+        return float(self.depth[pulled[-1]]) if pulled.size else 0.0
 
     @property
     def drag(self) -> float:
@@ -147,7 +153,7 @@ class TorqueDrag(Result):
 def torque_drag(
     sections: Path | str | Sequence[Section],
     survey: Path | str | Survey,
-    friction: float,
+    friction: float | Sequence[Sequence[NumberOrText]],
     *,
     axial_speed: Annotated[NumberOrText, "m/s"] = 0.0,
     turning_speed: Annotated[NumberOrText, "rad/s"] = 0.0,
@@ -155,6 +161,7 @@ def torque_drag(
     mud_density: Annotated[NumberOrText, "kg/m3"] = 0.0,
     weight_on_bit: Annotated[NumberOrText, "N"] = 0.0,
     bit_torque: Annotated[NumberOrText, "N m"] = 0.0,
+    overpull: Annotated[NumberOrText, "N"] = 0.0,
 ) -> TorqueDrag:
     """Compute torque and drag of a string that moves in its borehole, or of the part of it that moves under a given load
     at the top.
@@ -166,7 +173,9 @@ def torque_drag(
     survey
         Survey of the borehole, or the path of a table that `read_survey` reads.
     friction
-        Coefficient of friction mu between string and borehole [1], >= 0.
+        Friction factor: coefficient of friction mu between string and borehole [1], >= 0. Or pairs (depth, factor) from
+        the top, if it differs over depth: each factor holds down to its measured depth [m]. The last depth must reach
+        the end of the string: `[("2200 m", 0.2), ("3800 m", 0.3)]` for a casing above an open hole.
     axial_speed
         Speed along the borehole [m/s], positive downwards, negative while the string is pulled.
     turning_speed
@@ -181,6 +190,8 @@ def torque_drag(
         Weight on bit [N].
     bit_torque
         Torque on bit [N m], if the whole string turns.
+    overpull
+        Tension at the bit of a string that is stuck there and pulled [N].
 
     Returns
     -------
@@ -205,19 +216,26 @@ def torque_drag(
     pipes = sections_of(sections)
     length = sum(section.length for section in pipes)
     hole = hole_of(survey, length)
-    friction = number("friction", friction, at_least=0)
+    profile = FrictionFactors.of("friction", friction, length)
     v, w = number("axial_speed", axial_speed, "m/s"), number("turning_speed", turning_speed, "rad/s")
     if v == 0 and w == 0:
         raise SceneError("Arguments `axial_speed` and `turning_speed` must not both be 0: at rest friction is whatever holds.")
     mud = number("mud_density", mud_density, "kg/m3", at_least=0, at_most=min(section.density for section in pipes))
     load = number("weight_on_bit", weight_on_bit, "N", at_least=0)
     rock = number("bit_torque", bit_torque, "N m", at_least=0)
-    string = _String(pipes, hole, mud)
+    pulled = number("overpull", overpull, "N", at_least=0)
+    if load and pulled:
+        raise SceneError(
+            f"Arguments `weight_on_bit` and `overpull` must not both be given, because a bit is pushed or pulled, but they are {load:g} N and {pulled:g} N."
+        )
+    load -= pulled
+    string = _String(pipes, hole, mud, profile.depths)
+    factors = profile.at(0.5 * (string.depth[:-1] + string.depth[1:]))
     hanging = string.moved(0.0, v, w, load, 0.0)[0]  # by the same steps, so that a drag of nothing is 0
-    pulls, torques = string.moved(friction, v, w, load, math.copysign(rock, w) if w else 0.0)
+    pulls, torques = string.moved(factors, v, w, load, math.copysign(rock, w) if w else 0.0)
     front, needed = length, float(torques[-1])
     if load_at_top is not None:
-        pulls, torques, front = _partly(string, hanging, pulls, torques, friction, v, w, load_at_top)
+        pulls, torques, front = _partly(string, hanging, pulls, torques, factors, v, w, load_at_top)
     side = string.side_force(pulls)
     rigidity = string.along([section.rigidity for section in pipes])
     twist = float(np.sum(np.diff(string.depth) * 0.5 * (torques[1:] + torques[:-1]) / rigidity))
@@ -230,7 +248,7 @@ def _partly(
     hanging: np.ndarray,
     pulls: np.ndarray,
     torques: np.ndarray,
-    friction: float,
+    friction: np.ndarray,
     v: float,
     w: float,
     at_top: NumberOrText,
@@ -255,9 +273,9 @@ def _partly(
 class _String:
     """What does not depend on the motion, at nodes over depth and at the middle of every step: tangent, curvature, weight, radius."""
 
-    def __init__(self, pipes: Sequence[Section], hole: Survey, mud: float):
+    def __init__(self, pipes: Sequence[Section], hole: Survey, mud: float, breaks: Sequence[float] = ()):
         ends = np.cumsum([0.0, *(section.length for section in pipes)])
-        corners = np.unique(np.concatenate([ends, [each for each in hole.depth if each < ends[-1]]]))
+        corners = np.unique(np.concatenate([ends, [each for each in (*hole.depth, *breaks) if each < ends[-1]]]))
         parts = np.maximum(1, np.ceil(np.diff(corners) / STEP)).astype(int)
         self.depth = np.concatenate(
             [*(np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(corners, corners[1:], parts, strict=False)), corners[-1:]]
@@ -281,7 +299,7 @@ class _String:
         last = np.linalg.norm(self.across[2, -1] + pulls[-1] * self.curvature[2, -1])
         return np.append(force, last)
 
-    def _slope(self, friction: float, v: float, w: float) -> Callable[[int, int, float], tuple[float, float]]:
+    def _slope(self, friction: float | np.ndarray, v: float, w: float) -> Callable[[int, int, float], tuple[float, float]]:
         """(place in the step, step, tension) -> dT/ds and dM/ds."""
         speed = np.hypot(v, self.radius * w)
         along, around = (friction * v / speed).tolist(), (friction * self.radius * (self.radius * w) / speed).tolist()
@@ -295,7 +313,7 @@ class _String:
 
         return slope
 
-    def moved(self, friction: float, v: float, w: float, load: float, rock: float) -> tuple[np.ndarray, np.ndarray]:
+    def moved(self, friction: float | np.ndarray, v: float, w: float, load: float, rock: float) -> tuple[np.ndarray, np.ndarray]:
         """Tension and torque of the string that moves as a whole, from the bit upwards."""
         slope = self._slope(friction, v, w)
         pulls, torques = [-load], [rock]
@@ -306,7 +324,7 @@ class _String:
         return np.array(pulls[::-1]), np.array(torques[::-1])
 
     def from_the_top(
-        self, friction: float, v: float, w: float, applied: float, lay: np.ndarray, hanging: np.ndarray, way: float
+        self, friction: np.ndarray, v: float, w: float, applied: float, lay: np.ndarray, hanging: np.ndarray, way: float
     ) -> tuple[np.ndarray, float]:
         """What is applied at the top, less the friction above, down to the front where it is what the string had when it lay; and that front."""
         slope = self._slope(friction, v, w)
@@ -333,3 +351,155 @@ def _stepped(slope: Callable[[int, int, float], tuple[float, float]], k: int, pu
     fourth = slope(end, k, pull + step * third[0])
     pulled, turned = (step * (a + 2.0 * (b + c) + d) / 6.0 for a, b, c, d in zip(first, second, third, fourth, strict=True))
     return pull + pulled, turned
+
+
+@dataclass(frozen=True)
+class TorqueDragOperations(Result):
+    """Torque and drag of one string in the operations of a rig; `found["picking up"]` is the `TorqueDrag` of one of them.
+
+    Attributes
+    ----------
+    operations
+        {operation: torque and drag along the string}.
+    friction
+        Friction factors: pairs (measured depth [m], factor), each from the depth above on.
+    display_units
+        {unit: unit in which it was typed}.
+    """
+
+    operations: Mapping[str, TorqueDrag]
+    friction: tuple[tuple[float, float], ...]
+    display_units: Mapping[str, str] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> TorqueDrag:
+        if name not in self.operations:
+            raise SceneError(f"There is no operation `{name}`: {suggest(name, self.operations)}")
+        return self.operations[name]
+
+    def __str__(self) -> str:
+        units = {"N": "kN", "N m": "kN m", **self.display_units}
+        force, torque, length = (reading(unit, units) for unit in ("N", "N m", "m"))
+        heads = ("operation", f"hook load [{force.unit}]", f"drag [{force.unit}]", f"torque at the top [{torque.unit}]", "string")
+        rows: list[tuple[str, ...]] = [heads]
+        for name, each in self.operations.items():
+            moves = "moves" if each.moves else f"moves above {each.front * length.factor:.4g} {length.unit}"
+            if each.tension.min() < 0.0 and name != "rotating on bottom":
+                moves += f", in compression below {each.neutral * length.factor:.4g} {length.unit}"
+            rows.append(
+                (
+                    name,
+                    f"{each.tension[0] * force.factor:.4g}",
+                    f"{each.drag * force.factor:.4g}",
+                    f"{each.torque[0] * torque.factor:.4g}",
+                    moves,
+                )
+            )
+        above, spans = 0.0, []
+        for depth, factor in self.friction:
+            spans.append(f"{factor:g} from {above * length.factor:.4g} to {depth * length.factor:.4g} {length.unit}")
+            above = depth
+        notes = f"  Friction factor {', '.join(spans)}; hook load without the weight of hook and block; no buckling."
+        return "\n".join(["Torque and drag", notes, *columns(rows, left=(0, 4))])
+
+    __repr__ = __str__
+
+    def _table(self) -> tuple[Sequence[str], Sequence[Sequence[Any]]]:
+        """One row per operation and depth."""
+        rows: list[Sequence[Any]] = []
+        heads: Sequence[str] = ()
+        for name, each in self.operations.items():
+            heads, own = each._table()
+            rows += [[name, *row] for row in own]
+        return ["operation", *heads], rows
+
+    def plot(self) -> Any:
+        """Draw tension and torque of all operations over depth; returns the two axes."""
+        from toolbox.authoring import line_styles, name_axis, panels, paper
+
+        with paper():
+            axes = panels(2, 4.3, sharey=True)
+            looks = [*line_styles(5), {**line_styles(5)[2], "linestyle": (0, (6, 1, 1, 1, 1, 1))}]
+            for (name, each), look in zip(self.operations.items(), looks, strict=False):
+                axes[0].plot(each.tension, each.depth, label=name, **look)
+                if each.torque.any():
+                    axes[1].plot(each.torque, each.depth, **look)
+            depth = next(iter(self.operations.values())).depth
+            axes[0].set(ylim=(depth[-1], 0.0))
+            for ax in axes:
+                ax.axvline(0.0, color="0.85", linewidth=0.7, zorder=0)
+                for end, _ in self.friction[:-1]:
+                    ax.axhline(end, color="0.6", linewidth=0.7, linestyle=(0, (1, 2)), zorder=0)
+            name_axis(axes[0].yaxis, "measured depth", "m", self.display_units)
+            name_axis(axes[0].xaxis, "effective tension", "N", self.display_units)
+            name_axis(axes[1].xaxis, "torque", "N m", self.display_units)
+            handles, labels = axes[0].get_legend_handles_labels()
+            axes[0].figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+        return axes
+
+
+def torque_drag_operations(
+    sections: Path | str | Sequence[Section],
+    survey: Path | str | Survey,
+    friction: float | Sequence[Sequence[NumberOrText]],
+    *,
+    mud_density: Annotated[NumberOrText, "kg/m3"] = 0.0,
+    weight_on_bit: Annotated[NumberOrText, "N"] = 0.0,
+    bit_torque: Annotated[NumberOrText, "N m"] = 0.0,
+    overpull: Annotated[NumberOrText, "N"] = 0.0,
+    display_units: Mapping[str, str] | None = None,
+) -> TorqueDragOperations:
+    """Compute torque and drag of a string in the operations of a rig: rotating on and off bottom, picking up, slacking off,
+    sliding with weight on bit and, with an overpull, pulling on a stuck bit.
+
+    Parameters
+    ----------
+    sections, survey, friction, mud_density
+        As for `torque_drag`: the string, its borehole, friction factors by depth, density of the mud [kg/m3].
+    weight_on_bit
+        Weight on bit on bottom [N].
+    bit_torque
+        Torque on bit on bottom [N m].
+    overpull
+        Tension at a stuck bit [N]; 0 leaves this operation out.
+    display_units
+        {unit: unit in which tables show it}.
+
+    Returns
+    -------
+    TorqueDragOperations
+        Hook load, drag and torque of every operation; `found.plot()` draws them over depth.
+
+    Raises
+    ------
+    SceneError
+        As `torque_drag` does.
+
+    Examples
+    --------
+    >>> from models import Section, Survey
+    >>> from models.torque_and_drag import torque_drag_operations
+    >>> survey = Survey(depth=(0.0, 800.0, 1400.0, 2000.0), inclination=(0.0, 0.0, 1.0, 1.0), azimuth=(0.0, 0.0, 0.0, 0.0))
+    >>> pipe = Section(length="2000 m", outer="5 in", inner="4.276 in")
+    >>> found = torque_drag_operations([pipe], survey, [("1200 m", 0.2), ("2000 m", 0.3)])
+    >>> print(f"{found['picking up'].tension[0] / 1e3:.0f} kN")
+    492 kN
+    """
+    load = number("weight_on_bit", weight_on_bit, "N", at_least=0)
+    rock = number("bit_torque", bit_torque, "N m", at_least=0)
+    on_bottom = {"rotating on bottom": {"turning_speed": 1.0, "weight_on_bit": load, "bit_torque": rock}}
+    asked: dict[str, dict[str, Any]] = (on_bottom if load or rock else {}) | {
+        "rotating off bottom": {"turning_speed": 1.0},
+        "picking up": {"axial_speed": -1.0},
+        "slacking off": {"axial_speed": 1.0},
+    }
+    if load:
+        asked["sliding with weight on bit"] = {"axial_speed": 1.0, "weight_on_bit": load}
+    if number("overpull", overpull, "N", at_least=0):
+        asked["pulling on a stuck bit"] = {"axial_speed": -1.0, "overpull": overpull}
+    pipes = sections_of(sections)
+    length = sum(section.length for section in pipes)
+    hole = hole_of(survey, length)
+    found = {name: torque_drag(pipes, hole, friction, mud_density=mud_density, **each) for name, each in asked.items()}
+    profile = FrictionFactors.of("friction", friction, length)
+    spans = tuple(zip((*profile.depths[:-1], length), profile.factors, strict=True))
+    return TorqueDragOperations(found, spans, dict(display_units or {}))

@@ -19,6 +19,13 @@ class TorsionalPendulum(Component):
       without the rock, and `bit.inertia` [kg m2].
 
     The string of T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007); the defaults have the size of its 1000 m string and are chosen.
+
+    Examples
+    --------
+    >>> from models import TorsionalPendulum
+    >>> from toolbox import compose
+    >>> print(compose(TorsionalPendulum()))
+    HybridSystem(TorsionalPendulum): 2 states (pendulum.twist, pendulum.speed); contacts: none; inputs: top.speed [rad/s], bit.torque [N m]
     """
 
     inertia: Quantity = quantity(116.0, "kg m2", "inertia of the bit and of what moves with it", above=0, typical_range=(1e-3, math.inf))

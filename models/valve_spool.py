@@ -19,6 +19,13 @@ class ValveSpool(Component):
     """A spool that a force moves between two stops, against a spring and the friction of its seals; its input is `spool.force`.
 
     Numbers are chosen. Equations: `models.valve_spool`.
+
+    Examples
+    --------
+    >>> from models import ValveSpool
+    >>> from toolbox import compose
+    >>> print(compose(ValveSpool()))
+    HybridSystem(ValveSpool): 2 states (spool.position, spool.speed); contacts: seal, upper, lower; inputs: spool.force [N]
     """
 
     mass: Quantity = quantity(0.2, "kg", "mass of the spool", above=0)

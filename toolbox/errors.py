@@ -105,7 +105,18 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 class SceneError(ValueError):
-    """A plant, a scene or an argument that cannot be simulated as it stands; the message names the argument and what must hold."""
+    """A plant, a scene or an argument that cannot be simulated as it stands; the message names the argument and what must hold.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import SceneError, compose
+    >>> try:
+    ...     compose(BlockOnBelt(mass=-1.0))
+    ... except SceneError as error:
+    ...     print(error)
+    Argument `block.mass` must be > 0 kg, but it is -1.0.
+    """
 
 
 class NoSteadyState(SceneError):

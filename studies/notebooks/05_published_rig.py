@@ -18,10 +18,11 @@ import matplotlib.pyplot as plt
 import toolbox
 from toolbox import Scene, plot
 from toolbox.onsets import study
+from toolbox.scenes.verdict_table import table
 
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "navarro_lopez_4.toml")
 judged = {label: study.verdict_row(scene, label) for label in scene.labels}
-print(study.table(scene, [row for row, _ in judged.values()]))
+print(table(scene, [row for row, _ in judged.values()]))
 
 # %% [markdown]
 # The last column of such a table is the time of this machine. Open loop first: the bit sticks in every cycle and then runs at more than

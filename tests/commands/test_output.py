@@ -267,6 +267,7 @@ EVERY = {
     "answer": ["RIG", "--controller", "PI", "--phases", "1", "--duration", "60 s"],
     "setpoints": ["RIG", "--initial-controller", "PI", "--group", "nominal", "--range", "top.reference=120 rpm:140 rpm", "--step", "10 rpm"],
     "tradeoff": ["RIG", "--duration", "2"],
+    "torquedrag": ["INCLINED"],
     "schedule": ["WELL", "--controller", "stiff PI", "--depths", "2000", "2500", "--duration", "5 s"],
     "windows": [
         "WELL", "--controller", "stiff PI", "--depths", "2km", "--range", "top.reference=60 rpm:140 rpm", "--range", "bit.weight=60 kN:100 kN",
@@ -363,6 +364,7 @@ def test_every_command_that_writes_a_folder_has_its_report_and_writes_the_same_a
         "LOG": str(inputs / "log.csv"),
         "OTHER": str(inputs / "other.toml"),
         "WELL": str(root / "studies/scenes/deepening_well.toml"),
+        "INCLINED": str(root / "studies/scenes/aarsnes_shor.toml"),
     }
     line = [command, *(places.get(word, word) for word in EVERY[command])]
     (tmp_path / "first").mkdir()
@@ -378,7 +380,11 @@ def test_every_command_that_writes_a_folder_has_its_report_and_writes_the_same_a
         assert origin.command == f"stickslip {shlex.join([*line, '--json', '--out', str(tmp_path / 'first' / 'out')])}"
         assert datetime.fromisoformat(origin.began).utcoffset() == timedelta(0) and {"Python", "casadi", "numpy"} <= origin.versions.keys()
         given = [Path(places[word]) for word in EVERY[command] if word in places]
-        tables = [root / "studies/scenes/deepening_well.csv"] if "WELL" in EVERY[command] else []  # which the scene names
+        own = {
+            "WELL": ["studies/scenes/deepening_well.csv"],
+            "INCLINED": [f"models/tables/aarsnes_shor_{each}.csv" for each in ("sections", "survey")],
+        }
+        tables = [root / each for word in EVERY[command] for each in own.get(word, ())]  # which the scene names
         assert origin.inputs == hashes([*given, *tables])
         kept = {
             name for name in held if name.endswith(".jsonl") or (folder / name / "runs.jsonl").is_file()

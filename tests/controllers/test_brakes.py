@@ -16,6 +16,7 @@ from studies.questions.brakes import HIGHER, LAG, contenders, run_of, stop_of, s
 from toolbox import Scene, SceneError, compose, energy_audit, measure, simulate
 from toolbox.inputs import sine
 from toolbox.onsets import study
+from toolbox.scenes.verdict_table import table
 
 EVERY = {contender.label: contender for contender in contenders()}
 STEADY = DiscBrake(force=0.0, friction=Coulomb(static=0.3, kinetic=0.3))
@@ -202,7 +203,7 @@ def test_the_verdict_of_a_stop_ends_at_standstill_and_does_not_call_a_standing_w
     assert without.verdict != "free"  # the wheel that stands
     late = study.verdict_row(dataclasses.replace(scene, duration=1.0), "constant force")[0]
     assert late.verdict == "does not stand" and late.settling == math.inf
-    assert "standstill at 0.1 rad/s" in study.table(scene, [rows["MPC"]]) and "stands at" in study.table(scene, [rows["MPC"]])
+    assert "standstill at 0.1 rad/s" in table(scene, [rows["MPC"]]) and "stands at" in table(scene, [rows["MPC"]])
 
 
 def test_a_scene_of_a_stop_is_the_same_after_a_round_trip(root, tmp_path):

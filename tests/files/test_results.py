@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 
 from controllers import PI, SoftTorque, StiffPI
-from models import BitRock, BlockOnBelt, Coulomb, Section, Survey, TorqueDrag, torque_drag, wells
+from models import (
+    BitRock,
+    BlockOnBelt,
+    Coulomb,
+    Section,
+    Survey,
+    TorqueDrag,
+    TorqueDragOperations,
+    torque_drag,
+    torque_drag_operations,
+    wells,
+)
 from toolbox import (
     Sampled,
     SceneError,
@@ -186,6 +197,11 @@ def of_torque_drag():
     return torque_drag([Section(800.0, 0.127, 0.1086)], hole, 0.3, axial_speed=0.2, weight_on_bit="20 kN")
 
 
+def of_torque_drag_operations():
+    hole = Survey((0.0, 900.0), (0.0, 0.9), (0.0, 0.0))
+    return torque_drag_operations([Section(800.0, 0.127, 0.1086)], hole, [(400.0, 0.2), (800.0, 0.3)], weight_on_bit="20 kN")
+
+
 def of_mode_shapes():
     return mode_shapes(closed_loop(RIG, StiffPI(reference=10.0)))
 
@@ -213,7 +229,7 @@ MADE = {
     Schedule: of_schedule, Windows: of_windows, Estimates: of_estimate, Basin: of_basin,
     Prediction: of_prediction, ModelComparison: of_model_comparison, UncertainOnset: of_uncertain_onset,
     FrequencyResponse: of_frequency_response, StabilityChart: of_stability_chart, ModeShapes: of_mode_shapes,
-    DescribingFunction: of_describing_function, TorqueDrag: of_torque_drag,
+    DescribingFunction: of_describing_function, TorqueDrag: of_torque_drag, TorqueDragOperations: of_torque_drag_operations,
     Recording: of_recording, Validation: of_validation,
 }  # fmt: skip
 

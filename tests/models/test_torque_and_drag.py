@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 import matplotlib
 import numpy as np
 import pytest
 
-from models import Coulomb, DrillString, Section, Survey, TorqueDrag, torque_drag
+from models import Coulomb, DrillString, Section, Survey, TorqueDrag, torque_drag, torque_drag_operations
 from toolbox import SceneError, compose, simulate
+from toolbox.commands.command_line import main
 from toolbox.inputs import ramp
 
 PIPE = Section(1500.0, 0.127, 0.1086)
@@ -160,3 +162,114 @@ def test_the_path_of_a_well_is_drawn_to_scale():
 def test_what_does_not_move_or_is_not_against_friction_is_refused(kind, words):
     with pytest.raises(SceneError, match=words):
         moved(**kind)
+
+
+@pytest.mark.parametrize("speed", ["-0.3 m/s", "0.3 m/s"])
+def test_every_length_of_a_straight_hole_takes_its_own_friction_factor(speed):
+    # casing over the upper 900 m: the drag is the sum of mu w sin(inc) over the lengths
+    found = torque_drag([PIPE, COLLAR], STRAIGHT, [("900 m", 0.15), (1700.0, 0.4)], mud_density=MUD, axial_speed=speed)
+    w_pipe, w_collar = PIPE.weight(MUD), COLLAR.weight(MUD)
+    across = math.sin(INCLINATION) * (0.15 * w_pipe * 900.0 + 0.4 * (w_pipe * 600.0 + w_collar * 200.0))
+    assert abs(found.drag) == pytest.approx(across, rel=1e-12)
+    turned = torque_drag([PIPE, COLLAR], STRAIGHT, [("900 m", 0.15), (1700.0, 0.4)], mud_density=MUD, turning_speed=1.0)
+    own = (0.15 * w_pipe * 900.0 + 0.4 * w_pipe * 600.0) * 0.127 / 2 + 0.4 * w_collar * 200.0 * 0.165 / 2
+    assert turned.torque[0] == pytest.approx(own * math.sin(INCLINATION), rel=1e-12)
+
+
+def test_a_stuck_string_that_is_pulled_is_a_capstan_with_two_factors():
+    # T(top) = overpull exp(mu_1 theta_1 + mu_2 theta_2), without weight
+    radius, angle = 300.0, 1.2
+    hole = Survey((0.0, 100.0, 100.0 + radius * angle, 800.0), (0.0, 0.0, angle, angle), (0.0,) * 4)
+    factors = [(100.0 + radius * 0.5, 0.2), (800.0, 0.35)]
+    pipe = [dataclasses.replace(PIPE, length=800.0)]
+    found = torque_drag(pipe, hole, factors, axial_speed=-1.0, mud_density=7850.0, overpull="50 kN")
+    assert found.tension[-1] == 5e4 and found.tension[0] == pytest.approx(5e4 * math.exp(0.2 * 0.5 + 0.35 * 0.7), rel=1e-9)
+
+
+def test_one_factor_over_two_depths_is_one_factor():
+    hole = Survey((0.0, 500.0, 1100.0, 1700.0), (0.0, 0.0, 1.0, 1.0), (0.0, 0.0, 0.3, 0.3))
+    one, two = (
+        torque_drag([PIPE, COLLAR], hole, friction, mud_density=MUD, axial_speed=-1.0) for friction in (MU, [(800.0, MU), (1700.0, MU)])
+    )
+    assert two.tension[0] == pytest.approx(one.tension[0], rel=1e-9)
+
+
+def test_a_chain_from_tables_has_the_friction_of_its_depths():
+    # the load of the inertias times the kinetic coefficient is the torque of friction along the string
+    survey = Survey((0.0, 1700.0), (INCLINATION,) * 2, (0.4,) * 2)
+    made = {
+        "sections": [PIPE, COLLAR],
+        "survey": survey,
+        "top_inertia": 2000.0,
+        "elements": 6,
+        "mud_density": MUD,
+        "friction": Coulomb(0.3, 0.25),
+    }
+    plain, cased = (DrillString.from_tables(**made, friction_factors=factors) for factors in (None, [("900 m", 0.15), ("1700 m", 0.4)]))
+    w_pipe, w_collar = PIPE.weight(MUD) * PIPE.outer / 2, COLLAR.weight(MUD) * COLLAR.outer / 2
+    assert sum(cased.friction_load) * 0.25 == pytest.approx(
+        math.sin(INCLINATION) * (0.15 * w_pipe * 900.0 + 0.4 * (w_pipe * 600.0 + w_collar * 200.0)), rel=1e-9
+    )
+    assert sum(plain.friction_load) == pytest.approx(math.sin(INCLINATION) * (w_pipe * 1500.0 + w_collar * 200.0), rel=1e-9)
+    assert cased.friction_at == plain.friction_at and cased.friction == plain.friction
+
+
+@pytest.mark.parametrize(
+    ("friction", "words"),
+    [
+        ([("900 m", 0.2)], "must reach the end of the string at 1700 m, but its last depth is 900 m"),
+        ([("900 m", 0.2), ("800 m", 0.2)], "`friction.1.depth` must be > 900 m, but it is 800.0"),
+        ([("900 m", -0.2), ("1800 m", 0.2)], "`friction.0.factor` must be >= 0, but it is -0.2"),
+        ([("900 m",)], "must be a number, or pairs"),
+        ([], "must be a number, or pairs"),
+        ("0.2 m", "friction"),
+        ([("900 kg", 0.2), ("1800 m", 0.2)], "friction.0.depth"),
+        ([(math.nan, 0.2), ("1800 m", 0.2)], "friction.0.depth"),
+    ],
+)
+def test_friction_factors_that_are_none_are_told(friction, words):
+    with pytest.raises(SceneError, match=re.escape(words)):
+        torque_drag([PIPE, COLLAR], STRAIGHT, friction, axial_speed=1.0)
+
+
+def test_a_law_without_a_kinetic_coefficient_takes_no_factors():
+    with pytest.raises(SceneError, match="`friction_factors` must come with a `friction` that has a kinetic coefficient"):
+        DrillString.from_tables([PIPE], STRAIGHT, top_inertia=2000.0, friction_factors=[("1700 m", 0.2)])
+    with pytest.raises(SceneError, match="must not both be given"):
+        torque_drag([PIPE], STRAIGHT, 0.2, axial_speed=-1.0, weight_on_bit="1 kN", overpull="1 kN")
+
+
+def test_the_operations_of_a_rig_are_those_of_single_calls():
+    factors = [("900 m", 0.15), ("1700 m", 0.4)]
+    found = torque_drag_operations(
+        [PIPE, COLLAR],
+        STRAIGHT,
+        factors,
+        mud_density=MUD,
+        weight_on_bit="50 kN",
+        bit_torque="3 kN m",
+        overpull="100 kN",
+        display_units={"N": "klbf"},
+    )
+    assert found["rotating on bottom"].torque[0] - found["rotating off bottom"].torque[0] == pytest.approx(3e3)
+    assert found["rotating off bottom"].tension[0] - found["rotating on bottom"].tension[0] == pytest.approx(50e3)
+    assert found["picking up"].drag == pytest.approx(-found["slacking off"].drag, rel=1e-12)
+    assert found["pulling on a stuck bit"].tension[-1] == 100e3 and found["sliding with weight on bit"].tension[-1] == -50e3
+    told = str(found)
+    assert "hook load [klbf]" in told and "0.15 from 0 to 900 m, 0.4 from 900 to 1700 m" in told and "in compression below" in told
+    assert len(found.plot()) == 2
+    with pytest.raises(SceneError, match="There is no operation `pickup`"):
+        found["pickup"]
+
+
+def test_the_command_reads_the_tables_of_a_scene(root, tmp_path, capsys):
+    scene = root / "studies" / "scenes" / "aarsnes_shor.toml"
+    assert main(["torquedrag", str(scene), "--out", str(tmp_path / "out"), "--overpull", "100 kN"]) == 0
+    told = capsys.readouterr().out
+    assert "rotating off bottom" in told and "pulling on a stuck bit" in told
+    assert {each.name for each in (tmp_path / "out").iterdir()} >= {"torquedrag.txt", "torquedrag.png", "torquedrag.csv", "torquedrag.npz"}
+    assert main(["torquedrag", str(scene), "--friction", "20 km=0"]) == 0
+    rows = {line.split("  ")[1].strip(): line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("  ")}
+    assert float(rows["picking up"][3]) == float(rows["slacking off"][3]) == 0.0
+    assert main(["torquedrag", str(root / "studies" / "scenes" / "jansen_2.toml")]) == 2
+    assert "none of its parts is made from a table of sections" in capsys.readouterr().err

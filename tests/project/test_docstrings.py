@@ -24,7 +24,7 @@ FACES = [toolbox, models, controllers, controllers.observers, *(room for room in
 
 OWN = ("toolbox", "models", "controllers")
 
-CLASSES_WITHOUT_EXAMPLE = 202
+CLASSES_WITHOUT_EXAMPLE = 114
 """Public classes whose docstring has no example: a number that may only fall."""
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?")

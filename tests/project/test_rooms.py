@@ -1,7 +1,8 @@
-"""The rooms of `toolbox`: each imports only rooms below it, and no file is part of a circle."""
+"""The rooms of `toolbox`, and `models` and `controllers` above all that they build on: each imports only rooms below it, and no file is part of a circle."""
 
 import ast
 import importlib
+import re
 from collections import defaultdict
 from pathlib import Path
 
@@ -14,6 +15,7 @@ FLOORS = (
     "errors", "vocabulary", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping",
     "simulation", "contacts", "measuring", "prediction", "steady_states", "logs",
     "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "drilling", "export", "reports", "authoring",
+    "models", "controllers",
     "page", "commands", "face",
 )  # fmt: skip
 """Rooms from the ground up."""
@@ -25,22 +27,36 @@ COMPILED_LOOPS = {
     "event_stepper.advance", "time_stepper._advance", "lanes/loop._run",
 }  # fmt: skip
 """Event loops in machine code, as file.name: a call of them, and every argument of it, is paid for at each step."""
-MORE_ARGUMENTS = {"tabulated_string.from_tables": 17}
+MORE_ARGUMENTS = {"tabulated_string.from_tables": 18}
 """Functions, as file.name, that take what their users need to say, and how many arguments at most."""
 
 
+PACKAGES = ("toolbox", "models", "controllers")
+
+
 def room(path: Path) -> str:
-    """The room of a file given by its path inside `toolbox`."""
-    return "face" if path.name in ("__init__.py", "__main__.py") and len(path.parts) == 1 else path.parts[0].removesuffix(".py")
+    """The room of a file given by its path from the root of the project; `models` and `controllers` are rooms as a whole."""
+    package, *inner = path.parts
+    if package != "toolbox":
+        return package
+    return "face" if inner[0] in ("__init__.py", "__main__.py") else inner[0].removesuffix(".py")
 
 
 @pytest.fixture(scope="module")
 def imports():
-    """{file: {(imported file, line)}} of `toolbox`: at the top, inside functions and for types alike."""
-    root = Path(__file__).parents[2] / "toolbox"
+    """{file: {(imported file, line)}} of the packages: at the top, inside functions and for types alike; a name of a face counts as its own file."""
+    root = Path(__file__).parents[2]
     files = {
-        ".".join(("toolbox", *path.relative_to(root).with_suffix("").parts)).removesuffix(".__init__"): path for path in root.rglob("*.py")
+        ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): path
+        for package in PACKAGES
+        for path in (root / package).rglob("*.py")
     }
+
+    def home(module: str, name: str) -> str:
+        stub = files[module].with_suffix(".pyi") if module in files else None
+        found = stub is not None and stub.exists() and re.search(rf"^from \.([\w.]+) import \w+ as {name}$", stub.read_text(), re.MULTILINE)
+        return home(f"{module}.{found[1]}", name) if found else f"{module}.{name}" if f"{module}.{name}" in files else module
+
     found = defaultdict(set)
     for path in files.values():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -48,7 +64,7 @@ def imports():
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]
             elif isinstance(node, ast.ImportFrom):
-                names = [f"{node.module}.{alias.name}" if f"{node.module}.{alias.name}" in files else node.module for alias in node.names]
+                names = [home(node.module, alias.name) for alias in node.names]
             found[path.relative_to(root)] |= {(files[name].relative_to(root), node.lineno) for name in names if name in files}
     return found
 
@@ -84,7 +100,7 @@ def test_no_room_bears_the_name_of_a_public_function():
 
 
 def functions(root):
-    for package in ("toolbox", "models", "controllers"):
+    for package in PACKAGES:
         for path in sorted((root / package).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.FunctionDef):
@@ -115,7 +131,7 @@ def lines_without_docstrings(text):
 
 
 def test_files_and_functions_can_be_read_at_once(root):
-    long = {path: lines for package in ("toolbox", "models", "controllers") for path in (root / package).rglob("*.py")
+    long = {path: lines for package in PACKAGES for path in (root / package).rglob("*.py")
             if (lines := lines_without_docstrings(path.read_text(encoding="utf-8"))) > LONGEST_FILE}  # fmt: skip
     assert not long
     large = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import json
 import os
 import pkgutil
 import re
@@ -42,13 +43,45 @@ def test_every_public_name_of_the_toolbox_and_its_rooms_stands_on_one_page_of_th
 
 
 def test_a_part_has_a_table_of_its_fields():
-    page = (REFERENCE / "models.md").read_text(encoding="utf-8")
+    page = "".join(path.read_text(encoding="utf-8") for path in sorted(REFERENCE.glob("*.md")))
     section = page.partition("::: models.BitRock\n")[2].partition("\n:::")[0]
     assert "| `weight` | 97347 | N | &gt;= 0 | 500 to 5e+06 | weight on bit |" in section
     assert page.count("| field | default | unit | bounds | usual | meaning |") > 30
     assert (
         "| weight on bit | Navarro-Lopez and Cortes (2007) |" in page and "| mass of the absorber |\n" in page
     )  # chosen numbers have no source
+
+
+TYPED = """
+    WOB, TOB, ROP, BHA, DLS, SSI, MSE, RPM, HWDP, MWD, drawworks, auto-driller, top drive, rotary table, dogleg, torque and drag, hook
+    load, side force, friction factor, weight on bit, rate of penetration, bit bounce, whirl, HFTO, impedance matching, tripping, mud
+    weight, drill collar, LAS, PDC, UCS, stuck pipe, judder, groan, squeal, creep groan, NVH, caliper, brake pad, disk brake, drum
+    brake, clutch, Stribeck, mu-v, friction coefficient, mode coupling, complex eigenvalue, negative damping, chatter, hunting, dead
+    time, latency, windup, anti-windup, set point, setpoint, phase margin, gain margin, delay margin, disk margin, Bode, Nyquist,
+    transfer function, state space, sampling time, sample time, saturation, rate limit, feedforward, observer, Kalman, PID, MPC, LQG,
+    gain scheduling, operating point, linearize, root locus, natural frequency, settling time, overshoot, limit cycle, identification,
+    confidence interval, outlier, resume, checkpoint, Monte Carlo, parameter sweep, uncertainty, FMU, Simulink, Matlab, Excel,
+    reinforcement learning, tutorial, license, changelog, citation, stick slip
+"""
+"""What a driller, a brake engineer and a student of control type into the search box."""
+
+
+def sections_with(term, sections):
+    """How many sections of the search index hold a term as a word, with a hyphen or a space, in the singular or the plural."""
+    word = re.compile(r"(?<!\w)" + re.sub(r"(\\ |\\-)", "[- ]", re.escape(term.lower())) + r"(?:s|es)?(?!\w)")
+    return sum(word.search(text) is not None for text in sections)
+
+
+def test_a_term_is_found_as_a_word_and_not_inside_of_one():
+    sections = ["the set-point of a drive", "two set points"]
+    assert sections_with("set point", sections) == 2 and sections_with("set-point", sections) == 2
+    assert sections_with("point", sections) == 2 and sections_with("poin", sections) == 0 and sections_with("ROP", ["propeller"]) == 0
+
+
+def test_the_glossary_or_a_page_has_every_term_that_people_type():
+    """The quick form of the test of the built search index: in the text of the pages."""
+    texts = [path.read_text(encoding="utf-8").lower() for path in (ROOT / "docs").rglob("*.md")]
+    assert [term for term in (" ".join(each.split()) for each in TYPED.split(",")) if not sections_with(term, texts)] == []
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +119,14 @@ def test_formulas_are_mathml_and_nothing_comes_from_elsewhere(site):
 
 
 @pytest.mark.slow
+def test_the_search_index_has_a_hit_for_every_term_that_people_type(site):
+    index = json.loads((site / "search" / "search_index.json").read_text(encoding="utf-8"))
+    sections = [re.sub("<[^>]+>", " ", f"{each['title']} {each['text']}").lower() for each in index["docs"]]
+    assert len(sections) > 300 and not sections_with("zxqv", sections)
+    assert [term for term in (" ".join(each.split()) for each in TYPED.split(",")) if not sections_with(term, sections)] == []
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
 def test_the_search_finds_a_verb_in_a_browser_that_reads_from_disk(site, tmp_path):
     words = [
@@ -99,4 +140,4 @@ def test_the_search_finds_a_verb_in_a_browser_that_reads_from_disk(site, tmp_pat
     ]
     done = subprocess.run([*words, f"file://{site}/index.html?q=hopf_points"], capture_output=True, text=True, timeout=300, check=False)
     found = re.findall(r'href="[^"]*?([\w/]+\.html)[^"]*" class="md-search-result__link"', done.stdout)
-    assert any(place.endswith("reference/analyse.html") for place in found), done.stdout[-2000:]
+    assert any(place.endswith("reference/steady_states.html") for place in found), done.stdout[-2000:]

@@ -9,7 +9,8 @@ import pytest
 
 from models import BlockOnBelt, Dahl, Guide, LuGre
 from toolbox import Scene, compose, measure
-from toolbox.onsets.study import table, verdict_row
+from toolbox.onsets.study import verdict_row
+from toolbox.scenes.verdict_table import table
 
 
 def scene(root, name):

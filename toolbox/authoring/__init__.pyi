@@ -24,6 +24,7 @@ from .files import opened as opened
 from .files import read_arrays as read_arrays
 from .files import read_mat as read_mat
 from .files import read_table as read_table
+from .files import reading as reading
 from .files import replaced as replaced
 from .machine import Compiled as Compiled
 from .machine import announced as announced

@@ -9,3 +9,4 @@ from toolbox.files.results import Result as Result
 from toolbox.files.tables import Column as Column
 from toolbox.files.tables import Table as Table
 from toolbox.files.tables import read as read_table  # noqa: F401 (public under this name)
+from toolbox.files.unit_systems import reading as reading

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import mapping, number
+from toolbox.calibration.holds import EVIDENCE, STRUCTURED, evidence, fitted_evidence
 from toolbox.calibration.least_squares import LeastSquares
 from toolbox.calibration.locating import located
 from toolbox.calibration.measured_loop import MeasuredLoop
@@ -53,10 +54,11 @@ def fit(
     noise: Mapping[str, float] | None = None,
     starts: int | Search = 4,
     confidence: float = 0.95,
+    held: str | Sequence[str] | None = None,
 ) -> Fit:
     """Estimate parameters of a machine, with confidence intervals, from measured signals.
 
-    Measured signals that are inputs of the plant drive the simulation, linear between samples. All other signals are
+    Measured signals that are inputs of the plant drive the simulation, linear between samples or held. All others are
     compared with the simulation by nonlinear least squares. A simulation that sticks and slips for many cycles has
     many poor optima: give a window of a few cycles, and ranges. Source: G. A. F. Seber, C. J. Wild, Nonlinear
     Regression, Wiley 1989.
@@ -91,6 +93,10 @@ def fit(
         Number of searches. Or a `Search` with seed, treatment of outliers, and accuracy of the runs.
     confidence
         Confidence level of the intervals.
+    held
+        Names of measured inputs that keep the value of a sample until the next one (zero-order hold), such as the
+        commands of a digital drive; () for none. By default the data decide: an input is held if the outputs say so by
+        odds of 150 to 1 or more. Else it is a straight line between samples.
 
     Returns
     -------
@@ -132,23 +138,59 @@ def fit(
     called = shared(names, windows) or [names]
     make: Any = _Simulating(loop, names, search.accuracy) if on is None else _AlongLoop(loop.bare, names, on)
     recording = Recording.of(data, make.plant, columns)
-    parts, begins = _parts(recording, windows)
-    known = [make.numbers(part) for part in parts]
+    recording = recording if held is None else recording.holding(held)
     words = sorted({*names, *itertools.chain(*called)})
     for name in ranges:
         if name not in words:
             raise SceneError(f"Argument `ranges` has `{name}`, which is not free: {suggest(name, words)}")
-    limits = [_bounds(numbers, own, ranges) for numbers, own in zip(known, called, strict=True)]
-    each = [make.misfit(part, numbers, *ends) for part, numbers, ends in zip(parts, known, limits, strict=True)]
-    misfit = each[0] if called == [names] else Together(each, called, begins)
-    numbers = misfit.numbers
-    names, units = tuple(number.name for number in numbers), tuple(number.unit for number in numbers)
-    ends = {name: pair for own, limit in zip(called, limits, strict=True) for name, *pair in zip(own, *limit, strict=True)}
-    lowest, highest = np.array([ends[name] for name in names]).T
-    first = np.array([number.value for number in numbers])
-    found = LeastSquares(misfit, names, units, first, lowest, highest, noise, search.robust, search.starts, search.seed, confidence).fit()
-    typed = [in_si(ranges[name], unit, name) for name, unit in zip(names, units, strict=True) if name in ranges]
+
+    def misfit_of(recording: Recording) -> tuple[Any, np.ndarray, np.ndarray]:
+        """The misfit of a recording, and the bounds of its numbers."""
+        parts, begins = _parts(recording, windows)
+        known = [
+            _from_start(make.numbers(part), window) for part, window in zip(parts, windows or list[Window | None]([None]), strict=True)
+        ]
+        limits = [_bounds(numbers, own, ranges) for numbers, own in zip(known, called, strict=True)]
+        each = [make.misfit(part, numbers, *ends) for part, numbers, ends in zip(parts, known, limits, strict=True)]
+        misfit = each[0] if called == [names] else Together(each, called, begins)
+        ends = {name: pair for own, limit in zip(called, limits, strict=True) for name, *pair in zip(own, *limit, strict=True)}
+        lowest, highest = np.array([ends[number.name] for number in misfit.numbers]).T
+        return misfit, lowest, highest
+
+    def searched(misfit: Any, lowest: np.ndarray, highest: np.ndarray, first: np.ndarray, starts: int) -> Fit:
+        numbers = misfit.numbers
+        labels, units = tuple(number.name for number in numbers), tuple(number.unit for number in numbers)
+        return LeastSquares(misfit, labels, units, first, lowest, highest, noise, search.robust, starts, search.seed, confidence).fit()
+
+    misfit, lowest, highest = misfit_of(recording)
+    found = searched(misfit, lowest, highest, np.array([number.value for number in misfit.numbers]), search.starts)
+    undecided = [name for name in recording.signals if name in make.plant.inputs] if on is None and recording.held is None else []
+    best, other, chosen = EVIDENCE, (misfit, lowest, highest), tuple[str, ...]()
+    for these in dict.fromkeys([tuple(undecided), *((name,) for name in undecided)]) if undecided else ():
+        tried = misfit_of(recording.holding(these))
+        gain = evidence(found, tried[0])
+        if gain > best:
+            best, other, chosen = gain, tried, these
+    again: Fit | None = None
+    if chosen:
+        again = searched(*other, found.values, 1)  # the search from other starts is done
+    elif undecided and max(each.correlation for each in found.residuals) > STRUCTURED:
+        tried = misfit_of(recording.holding(undecided))
+        tied = searched(*tried, np.array([number.value for number in tried[0].numbers]), search.starts)
+        if (gain := fitted_evidence(found, tied)) > EVIDENCE:
+            again, best, chosen = tied, gain, tuple(undecided)
+    if again is not None:
+        found = dataclasses.replace(again, agreeing=found.agreeing, starts=found.starts, held=dict.fromkeys(chosen, best))
+    elif on is None:
+        found = dataclasses.replace(found, held=dict.fromkeys(recording.held or (), math.inf))
+    typed = [in_si(ranges[name], unit, name) for name, unit in zip(found.names, found.units, strict=True) if name in ranges]
     return dataclasses.replace(found, display_units={**loop.display_units, **asked_units(typed)})
+
+
+def _from_start(numbers: list[Number], window: Window | None) -> list[Number]:
+    """The free numbers of a window, with the start values at which its search begins."""
+    given = {} if window is None else window.start
+    return [dataclasses.replace(number, value=given[number.name]) if number.name in given else number for number in numbers]
 
 
 def simulated(loop: ClosedLoop, data: Any, columns: Mapping[str, str] | None, window: Any, accuracy: float) -> Any:

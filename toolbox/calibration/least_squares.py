@@ -216,8 +216,9 @@ class LeastSquares:
                 variance = square * float(pair @ np.linalg.inv(np.einsum("ni,nj->ij", jacobian, jacobian)) @ pair)
                 if 0.0 < CLEAR * variance < float(pair @ values) ** 2:
                     continue
+            mute = not (jacobian[:, self.names.index(f"{law}static")] != 0.0).any()
             try:
-                one, rest = self._as_one(values, law, scales)
+                one, rest = self._as_one(values, law, scales, values[self.names.index(f"{law}kinetic")] if mute else None)
             except (SceneError, SimulationError):
                 continue
             squares = [float((self._weighed(self._left(each), scales) ** 2).sum()) for each in (values, one)]
@@ -244,11 +245,13 @@ class LeastSquares:
         ratio = (squares[1] - squares[0]) * (n - 2) / squares[0] if n > 2 and squares[0] > 0.0 else math.inf
         return law if fisher.sf(ratio, 1, n - 2) > 0.05 else ""
 
-    def _as_one(self, values: np.ndarray, law: str, scales: Mapping[str, float]) -> tuple[np.ndarray, Resting]:
-        """The optimum with static friction equal to kinetic, and how the numbers move there."""
+    def _as_one(self, values: np.ndarray, law: str, scales: Mapping[str, float], first: float | None = None) -> tuple[np.ndarray, Resting]:
+        """The optimum with static friction equal to kinetic, and how the numbers move there; first: where it is searched from, their mean by default."""
         pair = tuple(self.names.index(f"{law}{word}") for word in ("static", "kinetic"))
         level = values.copy()
-        level[list(pair)] = np.clip(values[list(pair)].mean(), self.low[list(pair)].max(), self.high[list(pair)].min())
+        level[list(pair)] = np.clip(
+            values[list(pair)].mean() if first is None else first, self.low[list(pair)].max(), self.high[list(pair)].min()
+        )
         rest = Resting({}, level, pair)
         ways = rest.directions
         heard = np.asarray((self._weighed(self.misfit.slopes(level, self._size(level)), scales) @ ways != 0).any(axis=0))
@@ -338,19 +341,22 @@ class LeastSquares:
         values = begin
         for misfit in horizons:
             misfit.model(values)  # raises the error that says why these numbers cannot be simulated
+            ways, low, high = self._rising(values) if not misfit.by_samples else (np.eye(values.size), self.low, self.high)
+            back = np.linalg.inv(ways)
 
-            def slopes(q: np.ndarray, misfit: Any = misfit) -> np.ndarray:
-                found = misfit.slopes(q * size, self._size(q * size))
-                row = np.concatenate([found[name] * (size / scales[name]) for name in misfit.outputs])
+            def slopes(q: np.ndarray, misfit: Any = misfit, ways: np.ndarray = ways) -> np.ndarray:
+                at = ways @ (q * size)
+                found = misfit.slopes(at, self._size(at))
+                row = np.concatenate([_product(found[name] / scales[name], ways * size) for name in misfit.outputs])
                 return self._heard(row) if misfit is self.misfit else row
 
-            def left(q: np.ndarray, misfit: Any = misfit) -> np.ndarray:
+            def left(q: np.ndarray, misfit: Any = misfit, ways: np.ndarray = ways) -> np.ndarray:
                 tell()
-                row = residuals(misfit, q * size, scales)
+                row = residuals(misfit, ways @ (q * size), scales)
                 return self._heard(row) if misfit is self.misfit else row
 
             whole = misfit is self.misfit
-            given: dict[str, Any] = {"fun": left, "jac": slopes, "x0": values / size}
+            given: dict[str, Any] = {"fun": left, "jac": slopes, "x0": np.clip(back @ values, low, high) / size}
             given |= {
                 "x_scale": "jac",
                 "xtol": 1e-10 if whole else 1e-4,
@@ -359,10 +365,23 @@ class LeastSquares:
                 "max_nfev": 100 if whole else 30,
             }
             found: Any = self._unbounded(given, size) if misfit.by_samples else None
-            found = found or least_squares(**given, bounds=(self.low / size, self.high / size))
-            values = found.x * size
+            found = found or least_squares(**given, bounds=(low / size, high / size))
+            values = np.clip(ways @ (found.x * size), self.low, self.high)
         found.x = values
         return found
+
+    def _rising(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the directions of a search by simulation, and its bounds: static friction as kinetic friction and what it is above that, at least 0.
+
+        A static friction that the data hardly feel would else be a wall for the kinetic one, which must not exceed it.
+        """
+        ways, low, high = np.eye(values.size), self.low.copy(), self.high.copy()
+        for i, name in enumerate(self.names):
+            if name.endswith(".static") and (below := name.removesuffix("static") + "kinetic") in self.names:
+                k = self.names.index(below)
+                if values[i] >= values[k]:
+                    ways[i, k], low[i], high[i] = 1.0, 0.0, max(self.high[i] - self.low[k], 0.0) or math.inf
+        return ways, low, high
 
     def _unbounded(self, given: Mapping[str, Any], size: np.ndarray) -> Any:
         """Where the method of Levenberg and Marquardt ends, which takes a third of the time for long data; None where a bound is or comes near."""

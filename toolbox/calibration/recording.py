@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,9 +16,10 @@ from toolbox.files.printing import columns as lines_of
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.units import NumberOrText
-from toolbox.logs.flaws import KINDS, Flaw, below_zero, increasing, is_null, local_spacing, marked, spacing, without_strays
+from toolbox.logs.flaws import KINDS, NULLS, Flaw, below_zero, increasing, is_null, local_spacing, marked, spacing, without_strays
 from toolbox.logs.grids import Source
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import names as names_of
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,22 @@ class Recording(Result):
         How the log was read, in words.
     begin
         Time [s] in the whole recording at which this part of it begins.
+    held
+        Inputs that keep the value of a sample until the next one (zero-order hold), as the commands of a digital drive do; all others are straight lines
+        between samples. None: not declared, so that `fit` finds out.
+    display_units
+        {SI unit: unit of the log}, for those who want to answer in the units of the log.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.calibration import Recording
+    >>> time = np.linspace(0.0, 20.0, 401)
+    >>> log = Recording.of({"time": time, "top.speed": 6.0 + np.sin(time)}, compose(wells.JANSEN_2, BitRock()))
+    >>> print(log.time.size, "samples every", round(log.interval, 3), "s")
+    401 samples every 0.05 s
     """
 
     time: np.ndarray
@@ -50,6 +67,8 @@ class Recording(Result):
     flaws: tuple[Flaw, ...] = ()
     notes: tuple[str, ...] = ()
     begin: float = 0.0
+    held: tuple[str, ...] | None = None
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     def _table(self) -> HeadedRows:
         """One row per sample, with the units in the headings, as `of` reads it."""
@@ -70,6 +89,7 @@ class Recording(Result):
         nulls: Sequence[float] = (),
         keep: Sequence[str] = (),
         decimal: str | None = None,
+        held: str | Sequence[str] | None = None,
     ) -> Recording:
         """Read a recording from a file, a table of pandas, a mapping {name: values} or a run.
 
@@ -90,9 +110,12 @@ class Recording(Result):
         nulls
             Further numbers that mean that there is no value, in the unit of the log.
         keep
-            Kinds of flaws that are data here, such as "clipped" for a drive at its limit: clipped, drop-out, reversed, outlier.
+            Kinds of flaws that are data here, such as "clipped" for a drive at its limit: null, clipped, drop-out, reversed, outlier.
         decimal
             "," or ".", where the log does not say it.
+        held
+            Inputs that keep the value of a sample until the next one, such as the commands of a digital drive; () for none. If it is left out, `fit` finds
+            out which are.
 
         Raises
         ------
@@ -113,7 +136,15 @@ class Recording(Result):
             raise SceneError(f"Argument `keep` must hold kinds of flaws, but it has `{unknown[0]}`: {suggest(unknown[0], KINDS)}")
         if decimal not in (None, ",", "."):
             raise SceneError(f'Argument `decimal` must be "," or ".", but it is {decimal!r}.')
-        return _recording(source_of(data, plant, columns, decimal), plant, columns, tuple(map(float, nulls)), keep)
+        read = _recording(source_of(data, plant, columns, decimal), plant, columns, tuple(map(float, nulls)), keep)
+        return read if held is None else read.holding(held)
+
+    def holding(self, inputs: str | Sequence[str]) -> Recording:
+        """Return the recording with these inputs, and no others, held between samples (zero-order hold).
+
+        Raises SceneError for a channel that is not there.
+        """
+        return replace(self, held=tuple(self._known(name) for name in names_of(inputs)))
 
     def between(self, begin: NumberOrText, end: NumberOrText) -> Recording:
         """The samples between two times [s], whose clock then begins at 0."""
@@ -128,7 +159,7 @@ class Recording(Result):
             if there.any():
                 flaws.append(Flaw(flaw.channel, flaw.kind, flaw.times[there] - first, flaw.values[there]))
         signals = {name: values[inside] for name, values in self.signals.items()}
-        return Recording(self.time[inside] - first, signals, self.source, self.units, tuple(flaws), self.notes, self.begin + float(first))
+        return replace(self, time=self.time[inside] - first, signals=signals, flaws=tuple(flaws), begin=self.begin + float(first))
 
     def windows(self, names: Sequence[str] | None = None, max_gap: int = 2) -> list[tuple[float, float]]:
         """Stretches (begin, end) [s] in which the named signals, by default all, have no gap.
@@ -149,7 +180,7 @@ class Recording(Result):
         return [(float(self.time[places[a]]), float(self.time[places[b - 1]])) for a, b in itertools.pairwise(edges) if b - a >= 3]
 
     def driving(self, plant: HybridSystem, max_gap: int | None = None) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """What was measured of the inputs of a plant, as {input: (times, values)} of the samples that are data.
+        """Return what was measured of the inputs of a plant, as {input: (times, values)} of the samples that are data; a held one has a jump at each.
 
         Parameters
         ----------
@@ -170,7 +201,10 @@ class Recording(Result):
         remedy = "" if max_gap is None else f", or say by `hole` that more than {max_gap} samples in a row may be missing"
         self.unbroken(measured, words, 2 if max_gap is None else max_gap, remedy)
         good = {name: np.isfinite(self.signals[name]) for name in measured}
-        return {name: (self.time[good[name]], self.signals[name][good[name]]) for name in measured}
+        tables = {name: (self.time[good[name]], self.signals[name][good[name]]) for name in measured}
+        return {
+            name: (np.repeat(t, 2)[1:], np.repeat(v, 2)[:-1]) if name in (self.held or ()) else (t, v) for name, (t, v) in tables.items()
+        }
 
     def unbroken(self, names: Sequence[str], what: str, max_gap: int = 2, remedy: str = "") -> None:
         """Raise SceneError where the named signals have a gap; it names the windows without one, in times of the whole recording.
@@ -180,8 +214,10 @@ class Recording(Result):
         stretches = self.windows(names, max_gap)
         if len(stretches) != 1:
             found = ", ".join(f"{self.begin + begin:.6g} .. {self.begin + end:.6g} s" for begin, end in stretches[:8])
+            lost = ", ".join(f"{self._told(name)} of `{name}`" for name in names if self._told(name))
+            kept = f" Left out were {lost}: {self._remedy(names)}." if lost and self._remedy(names) else ""
             raise SceneError(
-                f"The data must hold {what} without gaps, but it is there in {len(stretches)} stretches: choose among the windows {found}{remedy}."
+                f"The data must hold {what} without gaps, but it is there in {len(stretches)} stretches: choose among the windows {found}{remedy}.{kept}"
             )
 
     @property
@@ -221,7 +257,7 @@ class Recording(Result):
                 signals[name] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
             else:
                 signals[name] = _at(times, self.time, values)
-        return Recording(times, signals, self.source, self.units, self.flaws, (*self.notes, f"resampled every {interval:g} s"), self.begin)
+        return replace(self, time=times, signals=signals, notes=(*self.notes, f"resampled every {interval:g} s"))
 
     def shift(self, name: str, against: str, max_lag: NumberOrText = 5.0) -> float:
         """By how much [s] a channel comes later than another: where their changes correlate most, between samples by a parabola.
@@ -270,7 +306,7 @@ class Recording(Result):
             seconds = number(f"shifts.{name}", value, "s")
             signals[self._known(name)] = _at(self.time, self.time - seconds, self.signals[name])
         words = ", ".join(f"{name} by {number(name, value, 's'):g} s" for name, value in shifts.items())
-        return Recording(self.time, signals, self.source, self.units, self.flaws, (*self.notes, f"moved earlier: {words}"), self.begin)
+        return replace(self, signals=signals, notes=(*self.notes, f"moved earlier: {words}"))
 
     def _known(self, name: str) -> str:
         if name not in self.signals:
@@ -290,9 +326,19 @@ class Recording(Result):
             rows.append([name, self.units.get(name, ""), f"{good.size}", *ends, self._told(name) or "none"])
         lines += lines_of(rows, left=(0, 1, 5))
         told = self._told("time")
-        return "\n".join([*lines, f"  time: {told}" if told else "  time: increases, no gaps"])
+        lines.append(f"  time: {told}" if told else "  time: increases, no gaps")
+        return "\n".join(lines + ([f"  {self._remedy()}"] if self._remedy() else []))
 
     __repr__ = __str__
+
+    def _remedy(self, channels: Sequence[str] | None = None) -> str:
+        """How samples that were left out of channels, by default of all, are kept where they are data; empty if none were that can be kept."""
+        kinds = {flaw.kind for flaw in self.flaws if flaw.channel != "time" and flaw.channel in (channels or self.signals)}
+        asked = [kind for kind in KINDS if kind in kinds]
+        if not asked:
+            return ""
+        options = " ".join(f"--keep {kind}" for kind in asked)
+        return f"samples that were left out are kept, where they are data, by {options} (in Python Recording.of(..., keep={asked!r}))"
 
     def _told(self, channel: str) -> str:
         words = []
@@ -353,7 +399,7 @@ def _recording(
     increases, order = order, without_strays(time, order)
     flaws = _time_flaws(time, order, np.setdiff1d(increases, order))
     own = time[order] - time[order[0]]
-    signals, units = {}, {}
+    signals, units, typed = {}, {}, {}
     for signal, (column, unit) in columns_of.items():
         wanted = scalar_unit(plant, signal)
         here = f"{where}, column `{column.name}`,"
@@ -365,12 +411,14 @@ def _recording(
         if said:
             notes.append(f"`{column.name}`: {said}")
         raw = raw[::-1] if turned else raw
-        none = is_null(raw, (*nulls, *column.nulls))
+        none = is_null(raw, (*nulls, *column.nulls), () if "null" in keep else NULLS)
         if unit is None and not source.bare and wanted != "1":
             raise SceneError(
                 f"{here} must name its unit, such as `{column.name} [{wanted}]`: write so there, or where you say which column is `{signal}`."
             )
         scale = 1.0 if unit is None or (unit == "1" and wanted == "1") else size_of(unit, wanted, column.name, signal, here)
+        if unit is not None and unit != wanted:
+            typed[wanted] = unit
         values = (np.where(none, np.nan, raw) * scale)[order]
         if np.isfinite(values).sum() < 3:
             raise SceneError(f"{here} must hold at least three values, but {int(none.sum())} of {size} samples are none.")
@@ -383,7 +431,7 @@ def _recording(
         signals[signal], units[signal] = values, wanted
     if source.what == "run":
         flaws = [flaw for flaw in flaws if flaw.kind != "gap"]
-    return Recording(own, signals, name, units, tuple(flaws), tuple(source.notes + notes))
+    return Recording(own, signals, name, units, tuple(flaws), tuple(source.notes + notes), display_units=typed)
 
 
 def _newest_first(time: np.ndarray) -> bool:

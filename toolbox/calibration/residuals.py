@@ -22,6 +22,7 @@ from toolbox.calibration.panels import TIME, Panel
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.shifts import Shift
 from toolbox.errors import GrazingError, SceneError, SimulationError
+from toolbox.logs.flaws import of_levels
 from toolbox.measuring.measure import stick_intervals
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -86,15 +87,24 @@ class Simulated(Misfit):
         return [*shorter, self]
 
     def thinned(self) -> Simulated | None:
-        """The misfit with every other sample of its measured inputs left out; None where no input is measured."""
+        """Return the misfit with every other sample of measured inputs left out; None if no input is a line between its samples.
+
+        An input that is held is known at all times. Of one of levels the samples around each jump stay, whose place the fit of the others tells.
+        """
         given = self.loop.values
-        measured = [name for name in self.recording.signals if isinstance(given.get(name), Table)]
+        held = self.recording.held or ()
+        measured = [name for name in self.recording.signals if isinstance(given.get(name), Table) and name not in held]
         if not measured:
             return None
         fewer = {}
         for name in measured:
             size = given[name].times.size
-            keep = np.unique(np.append(np.arange(0, size, 2), size - 1))
+            keep = np.zeros(size, bool)
+            keep[::2] = keep[-1] = True
+            if of_levels(given[name].values):
+                jumps = np.diff(given[name].values) != 0.0
+                keep[1:] |= jumps
+                keep[:-1] |= jumps
             fewer[name] = Table(given[name].times[keep], given[name].values[keep])
         return Simulated(self.loop.but(inputs={**self.loop.inputs, **fewer}), self.recording, self.numbers, self.accuracy, self.shifts)
 
@@ -108,7 +118,10 @@ class Simulated(Misfit):
         for name, value in self.loop.values.items():
             if name in coarse.signals and isinstance(value, Table):
                 good = np.isfinite(coarse.signals[name])
-                fewer[name] = Table(coarse.time[good], coarse.signals[name][good])
+                middle = (
+                    0.5 * self.recording.interval if name in (self.recording.held or ()) else 0.0
+                )  # of the times for which a sample stands
+                fewer[name] = Table(coarse.time[good] + middle, coarse.signals[name][good])
         accuracy = max(self.accuracy, TRIAL_ACCURACY)
         return Simulated(self.loop.but(inputs={**self.loop.inputs, **fewer}), coarse, self.numbers, accuracy, self.shifts)
 
@@ -222,14 +235,34 @@ class Simulated(Misfit):
         for i in differenced:
             step = np.zeros(values.size)
             step[i] = 1e-5 * sizes[i] if i in moving else 0.1 * self.recording.interval
-            ahead, back = (self.model(values + sign * step) for sign in (1.0, -1.0))
+            # one side is enough for a shift by a tenth of a sample, and the run of the other is there
+            back, width = (self.model(values - step), 2 * step[i]) if i in moving else (self.model(values), step[i])
+            last = self._last
+            ahead = self.model(values + step)
+            self._last = last
             for name in self.outputs:
-                found[name][:, i] = (ahead[name] - back[name]) / (2 * step[i])
+                found[name][:, i] = (ahead[name] - back[name]) / width
         for shift in self.shifts:
             if shift.place not in driving:
                 for name in shift.channels:
                     found[name][:, shift.place] = -self._rate(values, name)
         return found
+
+    def start_slopes(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """Return derivatives of `model` with respect to the start of every state, shape (nt, states); none if a run has no exact ones."""
+        names = [
+            name if size is None else f"{name}.{i}"
+            for name, (_, size, _) in self.plant.states.items()
+            for i in range(1 if size is None else size)
+        ]
+        if self.exact:
+            try:
+                slopes, times = sensitivity(self.run(values), names), self._times(values)
+            except (GrazingError, SceneError):
+                pass
+            else:
+                return {name: slopes[name][np.searchsorted(slopes.time, times[name])] for name in self.outputs}
+        return {name: np.zeros((self.time[name].size, 0)) for name in self.outputs}
 
     def _rate(self, values: np.ndarray, name: str) -> np.ndarray:
         """Rate of an output at its samples, by differences within a tenth of the time between them."""

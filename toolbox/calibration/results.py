@@ -60,6 +60,8 @@ class Fit(Told, Result):
         {signal: where its samples break the law and were left out, one after the other of all windows, shape (n,)}.
     initial_mismatch
         {signal: how far from the model its first samples are}, where the simulation begins elsewhere than the machine did.
+    held
+        {measured input that is held between its samples: by how much the log-likelihood is greater than with straight lines}; infinite if it was declared.
     indistinguishable_friction
         The law whose static friction the data cannot tell from the kinetic one, such as "bit.friction."; empty where they can.
     """
@@ -87,6 +89,7 @@ class Fit(Told, Result):
     outliers: Mapping[str, BoolArray] = field(default_factory=dict)
     indistinguishable_friction: str = ""
     initial_mismatch: Mapping[str, float] = field(default_factory=dict)
+    held: Mapping[str, float] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         """An estimate in SI."""
@@ -177,6 +180,13 @@ class Fit(Told, Result):
         for left in self.residuals:
             lines += left.lines(self.display_units)
         lines += begins_apart(self.residuals, self.initial_mismatch, self.display_units, "free the start values of its states")
+        for name, gain in self.held.items():
+            why = (
+                "as declared"
+                if gain == np.inf
+                else f"as the data say (log-likelihood {gain:+.3g}; `held=()`, or --held none, draws straight lines)"
+            )
+            lines.append(f"  {name} is held between its samples, {why}")
         if len(self.names) > 1:
             i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))
             lines.append(

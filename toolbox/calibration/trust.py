@@ -12,6 +12,12 @@ import numpy as np
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import reading
 
+COHERENT = 0.99
+"""Correlation of neighbouring residuals from which on they are no noise, but a part of the motion that the model lacks."""
+
+PARTS = 10
+"""Parts of a log whose contributions to an estimate may all have one sign where residuals are such a part of the motion."""
+
 
 @dataclass(frozen=True)
 class Residual:
@@ -102,7 +108,8 @@ def correlated(jacobian: np.ndarray, weighed: np.ndarray, blocks: Sequence[int],
     """J^T G J, where G is the covariance of the residuals: `spread` times one where they are white, that of an autoregression where they have structure.
 
     With (J^T J)^-1 on both sides it is the covariance of estimates by least squares, for any G. The order of the autoregression is that of the criterion of
-    Schwarz.
+    Schwarz. Where neighbours are alike to a hundredth, the residual is what the model lacks: no average over time makes it smaller, so that what the tenths of
+    the log do to an estimate are taken with one sign.
     """
     from scipy.signal import fftconvolve
 
@@ -115,7 +122,10 @@ def correlated(jacobian: np.ndarray, weighed: np.ndarray, blocks: Sequence[int],
         own = jacobian[rows]
         white = np.einsum("ni,nj->ij", own, own) * spread
         lags = autocorrelation(weighed[rows]) if has_structure and size > 20 else np.ones(1)
-        if lags.size > 1 and 1.0 + 2.0 * lags[1:].sum() > 1.0:  # residuals that alternate would make intervals narrower
+        if lags.size > 1 and lags[1] > COHERENT and size >= 20 * PARTS:
+            pulls = np.stack([np.einsum("ni,n->i", own[part], weighed[rows][part]) for part in np.array_split(np.arange(size), PARTS)])
+            middle += np.einsum("bi,bj->ij", pulls, pulls) * PARTS**2 / (PARTS - 1)
+        elif lags.size > 1 and 1.0 + 2.0 * lags[1:].sum() > 1.0:  # residuals that alternate would make intervals narrower
             kernel = np.concatenate([lags[:0:-1], lags])[:, None]
             smoothed = fftconvolve(own, kernel, axes=0)[lags.size - 1 : lags.size - 1 + size]
             variance = float(np.mean(weighed[rows][weighed[rows] != 0.0] ** 2))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -30,11 +30,14 @@ class Window:
     own
         Names of free numbers that have a value of their own here, such as the weight on bit of a stand or a start value. Those of the second window are called
         `bit.weight[2]` in the fit; numbers that no window owns are common to all.
+    start
+        {free number that is its own: value at which the search begins here}, in SI; by default the value in the loop.
     """
 
     begin: NumberOrText
     end: NumberOrText
     own: str | Sequence[str] = ()
+    start: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         begin, end = number("begin", self.begin, "s"), number("end", self.end, "s")
@@ -224,6 +227,16 @@ class Together:
                 found[name] = np.zeros((len(own), values.size))
                 found[name][:, places] = own
             parts.append(found)
+        return self._joined(parts)
+
+    def start_slopes(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """Return derivatives of `model` with respect to the start of every state in every window, shape (nt, windows times states)."""
+        parts = [misfit.start_slopes(values[places]) for misfit, places in zip(self.each, self.places, strict=True)]
+        sizes = [next(iter(part.values())).shape[1] for part in parts]
+        ends = np.cumsum([0, *sizes])
+        for part, first in zip(parts, ends[:-1], strict=True):
+            for name, own in part.items():
+                part[name] = np.pad(own, ((0, 0), (int(first), int(ends[-1] - first) - own.shape[1])))
         return self._joined(parts)
 
     def panels(self, left: Mapping[str, np.ndarray], values: np.ndarray) -> tuple[Panel, ...]:

@@ -51,6 +51,7 @@ COMMANDS = {
     "fit": ("fit", "parameters of a scene's plant from measured signals, with confidence intervals"),
     "posterior": ("posterior", "what numbers of a machine may be, given what was measured, as draws, and the evidence of its laws"),
     "estimate": ("estimate", "bit speed, torque at the bit, severity and margin from a log of the surface, each with its uncertainty"),
+    "torquedrag": ("torque_drag", "hook load, drag and torque of a drill string: rotating, picking up, slacking off, stuck"),
     "tradeoff": ("tradeoff", "error against time for every method and setting on a scene"),
     "export": ("export", "write a machine with its controller, or the controller alone, as C or as an FMU"),
     "report": ("report", "one page about folders of results: answers, machine, gains, figures, how to get the same again"),

@@ -13,13 +13,13 @@ from typing import Any
 
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
-from toolbox.commands.chance import add_uncertain, uncertain_of
 from toolbox.commands.recording import results
 from toolbox.commands.schedule import law_of
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, ranges, show, side_by_side
+from toolbox.commands.uncertainty import add_uncertain, uncertain_of
 from toolbox.errors import SceneError, SimulationError
 
-FILES = ("setpoints.txt", "setpoints.csv", "setpoints.png", "scene.toml")
+FILES = ("setpoints.txt", "setpoints.csv", "setpoints.npz", "setpoints.png", "scene.toml")
 
 TAKES_PART = "be one law of `top.torque` to take part"
 """What a controller must."""
@@ -121,7 +121,8 @@ def run(given: argparse.Namespace) -> int:
     if found is not None:
         found = replace(found, initial_controller=first)
     check_some(failures, labels)
-    given.found = {"table": found, "failed": {label: str(error) for label, error in failures.items()}}
+    given.failures = {label: str(error) for label, error in failures.items()}
+    given.found = {"table": found, "failed": given.failures}
     text = "\n".join([scene.title, *([str(found)] if found else []), *(f"{label}: {error}" for label, error in failures.items())]) + "\n"
     if given.out and found is not None:
         with results(
@@ -129,6 +130,7 @@ def run(given: argparse.Namespace) -> int:
         ) as made:
             (made / "setpoints.txt").write_text(text, encoding="utf-8")
             found.save(made / "setpoints.csv")
+            found.save(made / "setpoints.npz")
             scene.save(made / "scene.toml")
             figures.draw_found(found, scene.title, made / f"setpoints.{given.format}")
     show(text.rstrip("\n"))

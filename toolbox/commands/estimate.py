@@ -9,7 +9,7 @@ from typing import Any
 
 from toolbox.arguments import number
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import common, pairs, plain
+from toolbox.commands.terminal import common, log_arguments, pairs, plain
 
 
 def add(commands: Any) -> None:
@@ -29,24 +29,19 @@ def add(commands: Any) -> None:
         "--controller 'stiff PI' --out estimated",
     )
     verb.add_argument("data", type=Path, metavar="LOG", help="measured signals: CSV, WITSML, LAS, MAT, TOML or a sheet")
-    verb.add_argument(
-        "--column",
-        metavar="SIGNAL=HEADING",
-        action="append",
-        default=[],
-        help="what a signal, or time, is called in the log; with a unit or a format of dates where the log has none, as in 'time=Time [DD/MM/YYYY]'",
-    )
+    log_arguments(verb)
     verb.add_argument(
         "--speed-noise", default="0.01 rad/s", metavar="X", help="standard deviation of the measured top speed ('0.01 rad/s')"
     )
     verb.add_argument("--torque-noise", default="20 N m", metavar="X", help="standard deviation of the measured torque ('20 N m')")
     verb.add_argument("--members", type=int, default=64, metavar="N", help="strings of the ensemble (64)")
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the random numbers (0)")
-    verb.set_defaults(action=run, spelled={"data": "LOG", "columns": "--column", "loop": "SCENE.toml"})
+    verb.set_defaults(action=run, spelled={"data": "LOG", "columns": "--column", "keep": "--keep", "loop": "SCENE.toml"})
 
 
 def run(given: argparse.Namespace) -> int:
     """Estimate over a log. Returns the exit code."""
+    from toolbox.calibration.recording import Recording
     from toolbox.drilling.ensemble import Knowledge
     from toolbox.drilling.estimates import estimate
     from toolbox.scenes.scene import Scene
@@ -58,5 +53,6 @@ def run(given: argparse.Namespace) -> int:
         "torque_noise": number("--torque-noise", plain(given.torque_noise), "N m", at_least=0),
     }
     columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
-    found = estimate(loop, given.data, columns=columns or None, knowledge=Knowledge(**noises), members=given.members, seed=given.seed)
+    recording = Recording.of(given.data, loop.plant, columns or None, keep=given.keep)
+    found = estimate(loop, recording, knowledge=Knowledge(**noises), members=given.members, seed=given.seed)
     return answer(given, "estimate", dataclasses.replace(found, title=scene.title), scene, "^Estimates of ", "Report, table and figure are")

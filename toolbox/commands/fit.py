@@ -11,7 +11,7 @@ from typing import Any
 from toolbox.arguments import number, numbers, whole
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, drawn_as, earlier, pairs, plain, ranges, show, span
+from toolbox.commands.terminal import common, drawn_as, earlier, held_of, hold_argument, log_arguments, pairs, plain, ranges, show, span
 from toolbox.errors import SceneError
 
 FIT_FILES = ("fit.txt", "fit.csv", "fit.npz", "fit.png", "scene.toml")
@@ -48,9 +48,8 @@ def add(commands: Any) -> None:
     calibration.add_argument(
         "--range", metavar="NAME=LOW:HIGH", action="append", default=[], help="a number to fit, between two values; may be repeated"
     )
-    calibration.add_argument(
-        "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the data"
-    )
+    log_arguments(calibration)
+    hold_argument(calibration)
     calibration.add_argument("--contact", metavar="NAME", help="fit the law of this contact to the measured loop, without simulation")
     calibration.add_argument(
         "--window", metavar="BEGIN:END", action="append", default=[], help="times [s] of the data that are used; may be repeated"
@@ -76,7 +75,10 @@ def add(commands: Any) -> None:
         help="samples farther from the law than so many deviations are left out; off keeps all (5)",
     )
     calibration.add_argument("--starts", type=int, default=4, metavar="N", help="searches from different values (4)")
-    calibration.set_defaults(action=run, spelled={"free": "--free", "ranges": "--range", "columns": "--column", "data": "DATA"})
+    calibration.set_defaults(
+        action=run,
+        spelled={"free": "--free", "ranges": "--range", "columns": "--column", "keep": "--keep", "held": "--held", "data": "DATA"},
+    )
 
 
 def _free(bare: Sequence[str], ranged: Mapping[str, tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
@@ -115,7 +117,7 @@ def run(given: argparse.Namespace) -> int:
     robust = None if given.robust == "off" else number("--robust", given.robust, "1", above=1)
     starts = whole("--starts", given.starts, 1)
     recording = Recording.of(
-        given.data, loop.bare.system if given.contact else dataclasses.replace(loop, inputs={}).system, columns or None
+        given.data, loop.bare.system if given.contact else dataclasses.replace(loop, inputs={}).system, columns or None, keep=given.keep
     )
     recording = recording.shifted(shifts) if shifts else recording
     with results(given, drawn_as(FIT_FILES, given.format), earlier("fit.txt", "\nFit of ", FIT_FILES)) as folder:
@@ -127,6 +129,7 @@ def run(given: argparse.Namespace) -> int:
             window=windows or None,
             contact=given.contact,
             starts=Search(starts, robust=robust),
+            held=held_of(given),
         )
         given.found = found
         text = f"{scene.title}\n\n{found}\n\n{recording}\n"

@@ -88,7 +88,8 @@ def run(given: argparse.Namespace) -> int:
             except (SceneError, SimulationError) as error:
                 failures[label] = error
     check_some(failures, labels)
-    given.found = {"title": scene.title, **found, "failed": {label: str(error) for label, error in failures.items()}}
+    given.failures = {label: str(error) for label, error in failures.items()}
+    given.found = {"title": scene.title, **found, "failed": given.failures}
     told = ["\n".join([label, *map(str, parts.values())]) for label, parts in found.items() if parts]
     text = "\n\n".join([scene.title, *told, *(f"{label}: {error}" for label, error in failures.items())]) + "\n"
     stems = dict(zip(scene.labels, file_stems(scene.labels), strict=True))

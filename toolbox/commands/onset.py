@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
-from toolbox.commands.chance import add_uncertain, left_out, uncertain_of, with_numbers
 from toolbox.commands.recording import answer, results
 from toolbox.commands.terminal import (
     asked_otherwise,
@@ -26,6 +25,7 @@ from toolbox.commands.terminal import (
     ranges,
     show,
 )
+from toolbox.commands.uncertainty import add_uncertain, left_out, uncertain_of, with_numbers
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
 
@@ -101,6 +101,7 @@ def run(given: argparse.Namespace) -> int:
         check_some(failures, labels)
         found = Comparison(onsets, {label: str(failures[label]) for label in labels if label in failures})
         given.found = {"title": scene.title, "onsets": onsets, "failed": found.failures}
+        given.failures = found.failures
         text = "\n\n".join([scene.title, *(str(each) for each in onsets.values()), str(found)]) + "\n"
         if folder is not None:
             (folder / "onset.txt").write_text(text, encoding="utf-8")

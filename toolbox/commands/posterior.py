@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import whole
 from toolbox.commands import figures
-from toolbox.commands.chance import DISTRIBUTIONS, GOES_ON, distributions
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import common, pairs, plain, show, span
+from toolbox.commands.terminal import common, log_arguments, pairs, plain, show, span
+from toolbox.commands.uncertainty import DISTRIBUTIONS, GOES_ON, distributions
 from toolbox.errors import SceneError
 
 if TYPE_CHECKING:
@@ -74,16 +74,21 @@ def add(commands: Any) -> None:
     verb.add_argument(
         "--max-gap", type=int, default=2, metavar="N", help="samples that may be missing in a row in what drives the machine (2)"
     )
-    verb.add_argument(
-        "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the data"
-    )
+    log_arguments(verb)
     verb.add_argument("--duration", metavar="T", help="of the runs; by default that of the data, else of the scene")
     verb.add_argument("--draws", type=int, default=256, metavar="N", help="of the posterior (256)")
     verb.add_argument("--accuracy", type=float, default=1e-4, metavar="X", help="of the runs (1e-4)")
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the random numbers (0)")
     verb.set_defaults(
         action=run,
-        spelled={"priors": "--prior", "data": "--measured", "columns": "--column", "compare": "--compare", "length": "--mean"},
+        spelled={
+            "priors": "--prior",
+            "data": "--measured",
+            "columns": "--column",
+            "keep": "--keep",
+            "compare": "--compare",
+            "length": "--mean",
+        },
         words=lambda given: GOES_ON if given.out else "interrupted.",
     )
 
@@ -137,9 +142,8 @@ def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[ClosedLoop, 
     from toolbox.calibration.recording import Recording
     from toolbox.probability.posteriors import from_recording
 
-    recording = Recording.of(
-        given.data, dataclasses.replace(loop, inputs={}).system, dict(pairs("--column", "SIGNAL=HEADING", given.column)) or None
-    )
+    columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
+    recording = Recording.of(given.data, dataclasses.replace(loop, inputs={}).system, columns or None, keep=given.keep)
     if given.window is not None:
         recording = recording.between(*span("--window", given.window))
     show(str(recording))

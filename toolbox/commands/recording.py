@@ -53,7 +53,9 @@ def results(
         files = {Path(path).name: told for path, told in hashes(written).items()}
         read = _read(given, read)
         seconds = round(time.perf_counter() - clock, 3)
-        Origin(given.line, began.isoformat(timespec="seconds"), seconds, versions(), read, files).write(folder)
+        Origin(given.line, began.isoformat(timespec="seconds"), seconds, versions(), read, files, getattr(given, "failures", {})).write(
+            folder
+        )
 
 
 def answer(

@@ -53,8 +53,8 @@ def run(given: argparse.Namespace) -> int:
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     stems = file_stems(labels)
     declared = hasattr(scene, "save") and scene.duration > 0  # a body with many contacts has arrays that no scene holds
-    printed, texts, failed = [scene.title], [scene.title], 0
-    given.found = {"title": scene.title, "runs": {}}
+    printed, texts = [scene.title], [scene.title]
+    given.found, given.failures = {"title": scene.title, "runs": {}}, {}
     with (
         results(
             given,
@@ -70,7 +70,7 @@ def run(given: argparse.Namespace) -> int:
                 found = simulated(label)
             except SimulationError as failure:
                 found, complaint = failure.run, f"failed: {failure}"
-                failed += 1
+                given.failures[label] = str(failure)
             else:
                 try:
                     found.error  # noqa: B018  measured here, so that the report has it
@@ -94,7 +94,7 @@ def run(given: argparse.Namespace) -> int:
     show(_joined(printed))
     if given.out:
         print(f"\nReport, figures and data are in {given.out}")
-    return 1 if failed == len(labels) else 0
+    return 1 if len(given.failures) == len(labels) else 0
 
 
 def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:

@@ -48,12 +48,13 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Study a scene. Returns the exit code."""
     from toolbox.onsets import study
+    from toolbox.scenes.verdict_table import table, write_table
     from toolbox.steady_states.instability import instability
 
     scene = loaded(given)
     stems = file_stems(scene.labels)
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
-    with results(given, names, earlier("table.csv", f"^{','.join(study.HEADINGS)}[,\n]", _left)) as folder:
+    with results(given, names, earlier("table.csv", "^controller,verdict,stuck,", _left)) as folder:
         rows, runs = [], {}
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
@@ -63,7 +64,7 @@ def run(given: argparse.Namespace) -> int:
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
                     untimed(run).save(folder / f"{stem}.npz")
-                    title = f"{label}: {row.verdict.partition(':')[0]}"
+                    title = f"{label}: {row.verdict}"
                     figures.draw(scene, title, run, folder / f"{stem}.{given.format}", folder / f"{stem}_phase.{given.format}")
                     runs[title] = run
             if runs:
@@ -71,13 +72,13 @@ def run(given: argparse.Namespace) -> int:
                 figures.draw_comparison(scene, runs, folder / f"comparison.{given.format}")
             notes = _beside_measured(scene, stems, folder, given.format) if scene.measured is not None else []
         given.found = {"title": scene.title, "rows": rows}
-        study.write_table(rows, folder / "table.csv")
+        write_table(rows, folder / "table.csv")
         scene.save(folder / "scene.toml")
         warning = scene.needs().warning
         notes += [warning] if warning else []
         notes += [f"{label}: {unstable}" for label in scene.labels if (unstable := instability(scene[label]))]
-        (folder / "study.txt").write_text("\n\n".join([study.table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
-    show("\n\n".join([study.table(scene, rows), *notes]))
+        (folder / "study.txt").write_text("\n\n".join([table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
+    show("\n\n".join([table(scene, rows), *notes]))
     print(f"\nFigures, trajectories, table and scene are in {given.out}")
     return 1 if all(row.failed for row in rows) else 0
 

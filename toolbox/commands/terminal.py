@@ -55,6 +55,41 @@ def figure_format(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def log_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments `--column` and `--keep` of a command that reads a log."""
+    parser.add_argument(
+        "--column",
+        metavar="SIGNAL=HEADING",
+        action="append",
+        default=[],
+        help="what a signal, or time, is called in the data; with a unit or a format of dates where the data have none, as in 'time=Time [DD/MM/YYYY]'; may be "
+        "repeated",
+    )
+    parser.add_argument(
+        "--keep",
+        metavar="KIND",
+        action="append",
+        default=[],
+        help="a kind of flaw whose samples are data here: null, clipped, drop-out, reversed or outlier; may be repeated",
+    )
+
+
+def hold_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare the argument `--held` of a command that fits to a log."""
+    parser.add_argument(
+        "--held",
+        metavar="SIGNAL",
+        action="append",
+        help="a measured input that keeps each value until the next sample, as the commands of a drive do, or none; by default the data say which; "
+        "may be repeated",
+    )
+
+
+def held_of(given: argparse.Namespace) -> list[str] | None:
+    """Return the inputs of `--held`: None if the data are to say, and none of them for `--held none`."""
+    return [] if given.held == ["none"] else given.held
+
+
 def asked_otherwise(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments `--law` and `--hold` of a command that looks at a machine under another law, or under other inputs, than those of its scene."""
     parser.add_argument(

@@ -8,8 +8,8 @@ is above both borders, and the disk margin of its linear loop.
 
 from __future__ import annotations
 
+import dataclasses
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,7 +28,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.onsets.map_loop import NONE, SMOOTH
-from toolbox.onsets.severity_map import MapSide, SeverityMap, severity_map
+from toolbox.onsets.severity_map import MapSide, SeverityMap, severity_map, situation_of
 from toolbox.robustness.margins import disk_margin
 from toolbox.vocabulary import new_names_only
 
@@ -211,16 +211,16 @@ def windows(
         raise SceneError("Argument `depths` must hold at least one depth, but it is empty.")
     maps: list[SeverityMap] = []
     points, disks = [], []
-    loop = None
+    loops: list[ClosedLoop] = []
     for depth in places:
         here = controller(depth) if callable(controller) and not isinstance(controller, Controller | Sampled) else controller
         loop = closed_at(well, depth).but(controllers=(here,))
+        loops.append(loop)
         folder = None if checkpoint is None else Path(checkpoint) / f"{depth:g}m"
         found = severity_map(loop, ranges, shape=shape, halvings=HALVINGS, checkpoint=folder)
         maps.append(found)
         points.append(found.nominal_point)
         disks.append(disk_margin(loop))
-    assert loop is not None
     second = loop.number(maps[0].names[1])
     low, high = maps[0].axes[1][[0, -1]]
     typed = np.linspace(low, high, 5).tolist() if second_values is None else in_si(list(second_values), second.unit, "second_values")
@@ -249,8 +249,8 @@ def windows(
         onset_margins=margin,
         disk_margin=np.array(disks),
         display_units={**maps[0].display_units, "m": asked_in(deep, "m")},
-        severity_maps=tuple(maps),
-        situation=re.sub(r"the nominal plant \([^)]*\)", "the nominal plant at each depth", maps[0].situation),
+        maps=tuple(maps),
+        situation=str(dataclasses.replace(situation_of(loops[0]), plants="the nominal plant at each depth")),
     )
 
 

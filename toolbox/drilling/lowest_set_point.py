@@ -40,6 +40,10 @@ HELP = 0.5
 """How far below the border of the nominal plant [rad/s] those of others are looked for."""
 
 
+ANSWERING = (0, 1, 2, 3, 4, 7, 13, 14)
+"""Columns of a table of lowest set-points that answer."""
+
+
 class Cells:
     """Outcomes that are known, kept in a file of JSON lines, so that a search that was stopped goes on where it was.
 
@@ -296,17 +300,27 @@ class LowestSetPoints(Result):
             lines.append((*key, *said, at_top + each.why))
         return lines
 
-    def __str__(self) -> str:
+    @property
+    def answer_rows(self) -> list[tuple[str, ...]]:
+        """The columns of `rows` that answer: what holds with which margin, how fast it recovers, and what fails below."""
+        told = [k for k in ANSWERING if k < 3 or {row[k] for row in self.rows[1:]} != {"-"}]
+        return [tuple(row[k] for k in told) for row in self.rows]
+
+    @property
+    def title(self) -> str:
+        """A sentence that says what was searched."""
         factor, unit = reading("rad/s", self.display_units)
         low, high, step = (f"{value * factor:.3g}" for value in (*self.bounds, self.step))
-        title = f"Lowest set-points at which a law ends the stick-slip under {self.initial_controller} ({low} to {high} {unit}, steps of {step} {unit})"
+        return f"Lowest set-points at which a law ends the stick-slip under {self.initial_controller} ({low} to {high} {unit}, steps of {step} {unit})"
+
+    def __str__(self) -> str:
         lines = self.rows
         told = [
             k for k, column in enumerate(zip(*lines[1:], strict=True)) if set(column) != {"-"}
         ]  # such as no lifts of laws that do not lift
         left = [told.index(k) for k in (0, 1, 2, len(lines[0]) - 1)]
         return "\n".join(
-            [title, *([self.situation] if self.situation else []), *columns([tuple(row[k] for k in told) for row in lines], left=left)]
+            [self.title, *([self.situation] if self.situation else []), *columns([tuple(row[k] for k in told) for row in lines], left=left)]
         )
 
     def _table(self) -> HeadedRows:

@@ -66,7 +66,8 @@ def film(run: Any, path: str | Path, seconds: NumberOrText = 8.0) -> Path:
     >>> from toolbox import compose, simulate
     >>> from toolbox.figures import film
     >>> path = film(simulate(compose(BlockOnBelt()), "20 s"), "block.gif", seconds=0.2)
-    >>> print(path.name, Image.open(path).n_frames, "frames")
+    >>> with Image.open(path) as picture:
+    ...     print(path.name, picture.n_frames, "frames")
     block.gif 4 frames
     """
     from matplotlib.animation import FuncAnimation

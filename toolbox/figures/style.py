@@ -184,8 +184,8 @@ def name_axis(axis: Any, words: str, unit: str, display_units: Mapping[str, str]
     >>> from toolbox.authoring import name_axis
     >>> ax = plt.figure().add_subplot()
     >>> name_axis(ax.yaxis, "bit speed", "rad/s", {"rad/s": "rpm"})
-    >>> print(ax.get_ylabel(), ax.get_ylim())
-    bit speed [rpm] (0.0, 1.0)
+    >>> print(ax.get_ylabel(), "over", ax.get_ylim()[1], "rad/s")
+    bit speed [rpm] over 1.0 rad/s
     """
     told = getattr(axis.get_major_locator(), "told", None)
     if told is not None and told[0] == unit:

@@ -10,7 +10,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 
@@ -42,6 +42,8 @@ class Origin:
         {path as it was given: SHA-256} of the files that were read.
     files
         {name: SHA-256} of the files that were written beside this one.
+    failures
+        {controller: why} of those that have no answer.
     """
 
     command: str
@@ -50,6 +52,7 @@ class Origin:
     versions: Mapping[str, str]
     inputs: Mapping[str, str]
     files: Mapping[str, str]
+    failures: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
         """Write it into a folder."""
@@ -60,11 +63,11 @@ class Origin:
         """Read that of a folder. Raises SceneError where there is none, or a damaged one."""
         with understood(folder / ORIGIN, "the origin of a folder of results"):
             told = json.loads(content(folder / ORIGIN, TEXT))
-            found = Origin(**{each.name: told[each.name] for each in dataclasses.fields(Origin)})
+            found = Origin(**{"failures": {}, **told})
             texts = [
                 found.command,
                 found.began,
-                *(text for each in (found.versions, found.inputs, found.files) for pair in each.items() for text in pair),
+                *(text for each in (found.versions, found.inputs, found.files, found.failures) for pair in each.items() for text in pair),
             ]
             if not all(isinstance(text, str) for text in texts) or not isinstance(found.seconds, float):
                 raise ValueError("its entries are of other kinds")

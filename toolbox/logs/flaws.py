@@ -5,10 +5,13 @@
     repeated    a time that was there already;  backward: a time before those that were there
     gap         neighbours farther apart than the samples are
     clipped     the largest or smallest value of a channel that else never repeats, several times in a row
-    drop-out    exactly zero between values that are far from it
+    drop-out    a few samples of exactly zero between values that are far from it and alike: no standstill, which lasts, and no level of an input
     reversed    a value whose opposite fits between its neighbours, and which does not itself
     outlier     a few values far from both sides
     below zero  a value below zero of what cannot be, such as the weight of a bit that is off bottom: noise around zero counts as 0, others are left out
+
+Zeros are data unless what surrounds them says otherwise: a machine that stands, a drive that is off and the pause between two pulses are all exactly zero. The
+same holds for a channel of levels, such as steps, pulses or a set point: whatever value it has more than once is a level of it.
 
 Why no filter by size alone: speed in stick-slip leaves the mean by many of its deviations, and friction jumps. A jump keeps one side and a slip takes many
 samples, which a median over neighbours tells from what stands alone.
@@ -47,6 +50,15 @@ NEAR_ZERO = 0.1
 NEARBY = 20
 """Steps on either side of a step whose rate counts for it."""
 
+LEVELS = 0.5
+"""Part of the steps of a channel of levels, at least, that are exactly zero."""
+
+STEP = 0.1
+"""Usual step of a channel of levels that is not zero, at least, as a fraction of the range of the channel: those of a coarse sensor are smaller."""
+
+EVEN = 0.2
+"""Pauses that follow each other as evenly as this, by the deviation of their distances as a fraction of the mean, are those of pulses."""
+
 KINDS = ("null", "clipped", "drop-out", "reversed", "outlier")
 """Kinds of values that are marked."""
 
@@ -76,11 +88,11 @@ class Flaw:
         return int(self.times.size)
 
 
-def is_null(numbers: np.ndarray, nulls: tuple[float, ...] = ()) -> np.ndarray:
+def is_null(numbers: np.ndarray, nulls: tuple[float, ...] = (), known: tuple[float, ...] = NULLS) -> np.ndarray:
     """Where numbers, in the unit of the log, mean that there is none."""
     marked = ~(np.abs(numbers) < HUGE)  # so is nan
     numbers = np.where(marked, np.nan, numbers)  # a signalling nan would warn
-    for null in (*NULLS, *nulls):
+    for null in (*known, *nulls):
         marked |= np.abs(numbers - null) <= 1e-9 * abs(null)
     return marked
 
@@ -159,11 +171,14 @@ def local_spacing(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def marked(values: np.ndarray, kinds: tuple[str, ...] = KINDS) -> dict[str, np.ndarray]:
     """{kind: where} of a channel whose nulls are nan: samples that are no data, each of one kind."""
     found: dict[str, np.ndarray] = {}
-    values = values.copy()
-    for kind, rule in (("clipped", _clipped), ("drop-out", _dropped), ("reversed", _reversed), ("outlier", _outliers)):
+    values, levels = values.copy(), of_levels(values)
+    kept = np.zeros(values.size, bool)
+    for kind, rule in (("clipped", _clipped), ("drop-out", _dropped), ("reversed", _reversed), ("outlier", _outliers)) if kinds else ():
+        there = rule(values) if not levels or kind == "clipped" else _only_once(values, rule(values))
         if kind not in kinds:
+            kept |= there  # a drop-out that is data is no outlier
             continue
-        there = rule(values)
+        there &= ~kept
         if there.any() and (kind in ("clipped", "drop-out") or there.mean() <= FEW):
             found[kind] = there
             values[there] = np.nan
@@ -247,22 +262,47 @@ def _span(values: np.ndarray) -> float:
     return float(high - low)
 
 
+def of_levels(values: np.ndarray) -> bool:
+    """Whether a channel goes from level to level, as steps, pulses and set points do: it mostly stays exactly where it is, and else goes far."""
+    finite = values[np.isfinite(values)]
+    steps = np.abs(np.diff(finite))
+    if not steps.any():
+        return True
+    return bool(np.mean(steps == 0.0) >= LEVELS and np.median(steps[steps > 0.0]) >= STEP * np.ptp(finite))
+
+
+def _only_once(values: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Those of the samples whose value the channel has once: of a channel of levels every other value is a level."""
+    known, count = np.unique(values[np.isfinite(values)], return_counts=True)
+    there = there.copy()
+    there[there] = count[np.searchsorted(known, values[there])] == 1
+    return there
+
+
 def _dropped(values: np.ndarray) -> np.ndarray:
-    zero = values == 0.0
+    """A few zeros in a row between values that are far from zero and alike; none where they are many, or follow each other as evenly as pulses."""
     out = np.zeros(values.size, bool)
+    good = np.flatnonzero(np.isfinite(values))
+    kept = values[good]
+    zero = kept == 0.0
     if not zero.any() or zero.all():
         return out
-    others = np.where(zero, np.nan, values)
-    steps = np.abs(np.diff(others))
-    steps = steps[np.isfinite(steps)]
+    steps = np.abs(np.diff(kept))[~zero[1:] & ~zero[:-1]]
     typical = float(np.quantile(steps, 0.995)) if steps.size else 0.0
-    size = float(np.nanquantile(np.abs(others), 0.5))
-    least = max(3.0 * typical, 0.1 * size)
-    for a, b in _groups(zero):
-        beside = [values[k] for k in (a - 1, b) if 0 <= k < values.size and np.isfinite(values[k])]
-        if beside and all(abs(value) > least for value in beside):
-            out[a:b] = True
-    return out
+    least = max(3.0 * typical, 0.1 * float(np.median(np.abs(kept[~zero]))))
+    dropped = [
+        (a, b)
+        for a, b in _groups(zero)
+        if a > 0 and b < kept.size and b - a <= ALONE
+        and min(abs(kept[a - 1]), abs(kept[b])) > least
+        and abs(kept[b] - kept[a - 1]) < 0.5 * min(abs(kept[a - 1]), abs(kept[b]))
+    ]  # fmt: skip
+    apart = np.diff([a for a, _ in dropped])
+    if apart.size >= ALONE and np.std(apart) <= EVEN * np.mean(apart):
+        return out
+    for a, b in dropped:
+        out[good[a:b]] = True
+    return out if out.mean() <= SATURATED else np.zeros(values.size, bool)
 
 
 def _between(values: np.ndarray, mask: np.ndarray) -> np.ndarray:

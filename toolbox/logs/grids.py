@@ -112,7 +112,7 @@ def _headed(
         raise SceneError(f"{where} must hold numbers below its headings, but no line of it has numbers in more than half of its cells.")
     if first == 0:
         raise SceneError(
-            f"{where} must have a line of headings above its numbers, but it has none: write one, such as `time [s],bit.speed [rpm]`."
+            f"{where} must have a line of headings above its numbers, but it has none: write one, such as `time [s],speed [rpm]`."
         )
     above = [list(map(_heading, row)) for row in rows[:first]]
     place = _row_of_headings(above, width, names)

@@ -262,9 +262,19 @@ def mean_square(run: Recorded, signal: str, target: float = 0.0, *, after: Numbe
     return sum(float(weights @ (scalar(samples, signal) - target) ** 2) for weights, samples in gauss(run, begin, end)) / (end - begin)
 
 
+def rubbing_speed(run: Recorded, contact: str | None = None) -> str:
+    """The speed of what rubs at a contact, by default at the only one, else the slip there. Raises SceneError if there are several contacts, or none."""
+    if contact is None:
+        if len(run.contacts) != 1:
+            known = ", ".join(f"`{name}`" for name in run.contacts) or "none"
+            raise SceneError(f"Argument `signal` must be given unless the run has one contact, but its contacts are: {known}.")
+        (contact,) = run.contacts
+    return f"{contact}.speed" if f"{contact}.speed" in run else f"{contact}.slip"
+
+
 def severity(
     run: Recorded,
-    signal: str = "bit.speed",
+    signal: str | None = None,
     after: NumberOrText = 0.0,
     definition: str = "half-range",
     *,
@@ -286,7 +296,7 @@ def severity(
     run
         The run.
     signal
-        Name of a scalar signal, usually a speed.
+        Name of a scalar signal, usually a speed; by default that of what rubs at the only contact, else the slip there.
     after, until
         Begin and end of the window [s]. By default the whole run.
     definition
@@ -313,6 +323,7 @@ def severity(
     >>> print(f"{measure.severity(run, 'bit.speed', after=60.0):.2f}")
     1.35
     """
+    signal = rubbing_speed(run) if signal is None else signal
     reference = in_si(reference, run.unit(signal), "reference") if isinstance(reference, str) else reference
     check_definition(definition, reference)
     return severity_of(extent(run, signal, after, until), definition, reference)

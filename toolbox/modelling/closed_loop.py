@@ -34,9 +34,9 @@ from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.number_kinds import former_name
 from toolbox.modelling.numbers import Number, number_of, numbers_in
+from toolbox.modelling.numbers_in_words import given_as, numbers_of
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.modelling.steady_point import Equilibrium
-from toolbox.modelling.told_numbers import given_as, numbers_of
 from toolbox.vocabulary import new_names_only, refuse_former_names
 
 
@@ -67,6 +67,15 @@ class ClosedLoop(Printed):
     effort, reference, standstill
         Where a scene says so: the input whose peak counts, the set-point of `signal`, as a number or as the input that is, and of a stop the value of
         `signal` at which the machine stands.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> print(loop.number("bit.weight").value, "N")
+    97000.0 N
     """
 
     plant: HybridSystem

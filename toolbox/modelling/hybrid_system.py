@@ -119,6 +119,14 @@ class HybridSystem(Renamed):
         What is computed or compiled once per structure.
     told
         {unit: unit that was typed} in the scene that the plant is of; None without one.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> print(rig.x.numel(), "states, inputs", *rig.inputs)
+    3 states, inputs top.torque bit.weight
     """
 
     parts: tuple[Component, ...]

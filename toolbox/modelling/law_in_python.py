@@ -17,6 +17,7 @@ from toolbox.arguments import FloatArray
 from toolbox.errors import ControllerError, SceneError
 from toolbox.modelling.clamps import passing_nan
 from toolbox.modelling.components import Signal, Update, fields_of, is_nested
+from toolbox.modelling.drive import drive_of
 from toolbox.modelling.elements import state, time
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, names
@@ -29,14 +30,17 @@ class Answer:
 
     def __init__(self, law: Any, plant: HybridSystem):
         self.law, self.plant = law, plant
-        self.actuated_signals = names(getattr(law, "actuated_signals", ("top.torque",)))
+        self.actuated_signals = names(getattr(law, "actuated_signals", None) or drive_of(plant)[1])
         self.given = [ca.SX.sym(name) for name in self.actuated_signals]
         self.count = state("answers", "1")
         self.asked: list[Any] = []
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
         """What a sample asks for and gives."""
-        measures, defaults = names(getattr(self.law, "measured_signals", ("top.speed",))), getattr(self.law, "defaults", {})
+        measures, defaults = (
+            names(getattr(self.law, "measured_signals", None) or drive_of(self.plant)[0]),
+            getattr(self.law, "defaults", {}),
+        )
         self.asked = [signal(name, self.plant.signal_unit(name)) for name in measures]
         self.asked += [signal(name, unit, default=value) for name, (value, unit) in defaults.items()]
         outputs = {name: (symbol, self.plant.signal_unit(name)) for name, symbol in zip(self.actuated_signals, self.given, strict=True)}

@@ -25,9 +25,13 @@ from toolbox.arguments import finite_array, number, refuse, whole
 from toolbox.errors import ControllerError, SceneError, suggest
 from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
+from toolbox.modelling.drive import drive_of
 from toolbox.modelling.elements import OptionalQuantities, Quantity, State, quantity, time
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.vocabulary import Renamed, new_field
+
+SIGNALS = ("measured_signals", "actuated_signals")
+"""Attributes of a controller that name the signals it reads and gives."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +213,18 @@ class Sampled(Renamed):
     seed
         Seed of the noise, an integer >= 0. Laws with one seed see the same noise on the same signal at samples of the same number.
     measured_signals, actuated_signals
-        What a callable reads and gives; by default its own attributes of these names, else `top.speed` and `top.torque`.
+        What a callable reads and gives; by default its own attributes of these names, else the first force or torque that the plant takes, and
+        the speed at the same place, such as `top.torque` and `top.speed`.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, compose, simulate
+    >>> drive = Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms", noise={"top.speed": 0.01})
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="60 kN")), "60 s", controller=drive)
+    >>> print(f"{run['bit.speed'][-1]:.1f} rad/s")
+    6.3 rad/s
     """
 
     law: Controller | Callable[[float, Any], Any]
@@ -236,7 +251,8 @@ class Sampled(Renamed):
 
     def check(self) -> None:
         """Raise SceneError unless period > 0, delay >= 0, noise >= 0, resolution > 0, seed is an integer >= 0, and only a callable is told its signals."""
-        for word, told in (("measured_signals", self.measured_signals), ("actuated_signals", self.actuated_signals)):
+        for word in SIGNALS:
+            told = getattr(self, word)
             if told is None:
                 continue
             if isinstance(self.law, Controller):
@@ -382,14 +398,9 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         pass
     except TypeError as error:
         raise SceneError(f"Argument `controller` must be callable as (t, y), y what it measures in order, but: {error}.") from None
-    asked = names(getattr(law, "measured_signals", ("top.speed",)) if sampled.measured_signals is None else sampled.measured_signals)
-    measures = tuple(plant.routes.get(name, name) for name in asked)
-    drives = tuple(
-        plant.routes.get(name, name)
-        for name in names(
-            getattr(law, "actuated_signals", ("top.torque",)) if sampled.actuated_signals is None else sampled.actuated_signals
-        )
-    )
+    own = [getattr(law, word, None) if getattr(sampled, word) is None else getattr(sampled, word) for word in SIGNALS]
+    asked, driven = (names(drive_of(plant)[k] if each is None else each) for k, each in enumerate(own))
+    measures, drives = (tuple(plant.routes.get(name, name) for name in each) for each in (asked, driven))
     for name in measures:
         if not plant.has_signal(name):
             raise SceneError(

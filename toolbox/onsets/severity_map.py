@@ -397,11 +397,7 @@ def severity_map(
         accuracy=search.base.accuracy,
         resolution=0.5**halvings,
         runs=search.runs,
-        situation=str(
-            Situation.of(
-                loop, "smooth running with a small disturbance, and from a contact that is stopped at once", "until the regime is decided"
-            )
-        ),
+        situation=str(situation_of(loop)),
         notes=tuple(_notes(search, (smooth, inside))),
         nominal_point=(plane.numbers[0].value, plane.numbers[1].value),
         display_units={
@@ -417,6 +413,13 @@ def severity_map(
 def _is_run(result: Any) -> bool:
     """Whether a result of a journal is what a run came to."""
     return isinstance(result, list) and len(result) == 2 and isinstance(result[0], list) and isinstance(result[1], dict | None)
+
+
+def situation_of(loop: ClosedLoop) -> Situation:
+    """The situation that a map of a loop holds for."""
+    return Situation.of(
+        loop, "smooth running with a small disturbance, and from a contact that is stopped at once", "until the regime is decided"
+    )
 
 
 def _side(judged: Sequence[Judged], shape: tuple[int, int]) -> MapSide:

@@ -20,6 +20,7 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.onsets.study import metrics_of, words_of
 from toolbox.scenes.judged import sticks_before_standstill
+from toolbox.scenes.verdict_table import Verdict
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import equilibrium, linearise
 
@@ -35,19 +36,7 @@ FREQUENCIES = 2048
 ROUNDS = 4
 """How often a tone must come within what is listened to: slower is how the run goes on, not its sound."""
 
-TONES = {
-    "free": "good",
-    "no stick": "good",
-    "recovered": "good",
-    "recovered after 1 stick": "fair",
-    "swing": "fair",
-    "stick-slip": "bad",
-    "stuck": "bad",
-}
-"""{verdict: how it is coloured}; the words say the same."""
-
-
-LOOKING_ON = "not decided yet"
+LOOKING_ON = Verdict("not decided yet")
 """The verdict while the judge still follows the run."""
 
 
@@ -102,7 +91,7 @@ def answer(
         signals.append({"name": name, "unit": read[name].unit, "base": run.unit(name), "factor": read[name].factor, "values": packed(row * read[name].factor),
                         "limits": [None if end is None else end * read[name].factor for end in limits]})  # fmt: skip
     return {
-        "verdict": words, "decided": words != LOOKING_ON, "tone": TONES.get(words, "bad" if "stick-slip" in words else "fair"),
+        "verdict": words, "decided": words is not LOOKING_ON, "tone": words.tone,
         "reason": reason(loop, words, judged, found, run),
         "measures": measures_in_words(loop, found, run, display_units), "time": packed(time), "signals": signals, "end": run.end, "after": after,
         "sticks": [[float(a), float(b)] for a, b in sticks], "element": loop.element,

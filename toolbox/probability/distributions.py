@@ -54,6 +54,12 @@ class Normal(Distribution):
         Its mean, in SI or text with a unit.
     deviation
         Its standard deviation, likewise; greater than zero.
+
+    Examples
+    --------
+    >>> from toolbox.probability import Normal
+    >>> print(Normal("97 kN", "8 kN").mean)
+    97 kN
     """
 
     mean: NumberOrText
@@ -74,6 +80,12 @@ class Uniform(Distribution):
     ----------
     low, high
         Its ends, in SI or text with a unit.
+
+    Examples
+    --------
+    >>> from toolbox.probability import Uniform
+    >>> print(Uniform("80 kN", "110 kN").high)
+    110 kN
     """
 
     low: NumberOrText
@@ -96,6 +108,12 @@ class LogNormal(Distribution):
         Its median, in SI or text with a unit; greater than zero.
     deviation
         Standard deviation of the natural logarithm [1]; greater than zero. 0.1 is about ten per cent.
+
+    Examples
+    --------
+    >>> from toolbox.probability import LogNormal
+    >>> print(LogNormal(50.0, 0.2).median)
+    50.0
     """
 
     median: NumberOrText

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -14,11 +13,11 @@ from toolbox.drilling.answer_results import Answers
 from toolbox.drilling.depth_windows import Windows
 from toolbox.drilling.estimates import Estimates
 from toolbox.drilling.gain_schedule import Schedule
+from toolbox.drilling.lowest_set_point import LowestSetPoints
 from toolbox.errors import SceneError
 from toolbox.files.origin import ORIGIN, Origin
 from toolbox.files.printing import table
 from toolbox.files.reading import text_of
-from toolbox.onsets import study
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.results import Onset
 from toolbox.onsets.severity_map import SeverityMap
@@ -32,6 +31,7 @@ from toolbox.robustness.joint_errors import SmallestError
 from toolbox.robustness.margins import Margins
 from toolbox.scenes.contact_scene import load_scene
 from toolbox.scenes.scene import Scene
+from toolbox.scenes.verdict_table import failures, in_cells, judged_by, read_table
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.results import Sweep
@@ -128,9 +128,9 @@ SHOWN = {"_phase": "phase plane", "_margins": "margins", "_error": "smallest err
 def _study(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
     if scene is None:
         raise SceneError(f"Folder `{folder}` must hold the scene of its study, but there is no `scene.toml` with equations.")
-    rows = study.read_table(folder / "table.csv")
-    head, *cells = study.in_cells(scene, rows, times=False)
-    return table(study.judged_by(scene), head, cells), tuple(f"{row.controller} {row.verdict}" for row in rows if row.failed)
+    rows = read_table(folder / "table.csv")
+    head, *cells = in_cells(scene, rows, times=False)
+    return table(judged_by(scene), head, cells), tuple(failures(rows))
 
 
 def _onset(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
@@ -140,22 +140,18 @@ def _onset(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
         found[onset.title or path.stem] = onset
     parts = [Comparison(found, {})._repr_html_()] if len(found) > 1 else []
     parts += [_short(onset, label) for label, onset in found.items()]
-    text = text_of(folder / "onset.txt")
-    failed = tuple(line for line in text.splitlines() if " failed: " in line)
-    return "\n".join(parts), failed
+    return "\n".join(parts), _failures(folder)
 
 
 def _loaded(report: str, *kinds: tuple[Any, str]) -> Callable[[Path, Scene | None], tuple[str, tuple[str, ...]]]:
     """How the answer of a folder is read whose results say themselves; report: the file with what was printed;  kinds: (kind, pattern of files) of results."""
 
     def answer(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
-        text, labels = text_of(folder / report), () if scene is None else scene.labels
-        failed = tuple(line for line in text.splitlines() if line.startswith(tuple(f"{label}: " for label in labels)))
         found = {path: kind.load(path)._repr_html_() for kind, pattern in kinds for path in sorted(folder.glob(pattern))}
         if not found:  # of an earlier version
-            return preformatted(text), ()
+            return preformatted(text_of(folder / report)), ()
         parts = found.values() if len(found) == 1 else [f"<h3>{escape(_caption(path, scene))}</h3>{told}" for path, told in found.items()]
-        return "\n".join(parts), failed
+        return "\n".join(parts), _failures(folder)
 
     return answer
 
@@ -179,23 +175,18 @@ def _short(onset: Onset, label: str) -> str:
 
 def _drives(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
     """The lowest set-points with what they leave and what they cost; all columns stand in the appendix."""
-    lines = [
-        line
-        for line in text_of(next(folder / name for name in ("setpoints.txt", "drives.txt") if (folder / name).is_file()))
-        .strip()
-        .splitlines()[1:]
-        if not line.startswith("Holds for: ")
-    ]
-    rows = [re.split(r" {2,}", line.strip()) for line in lines[1:]]
-    if not rows or not set(DRIVES) <= {each.partition(" [")[0] for each in rows[0]}:
-        return preformatted("\n".join(lines)), ()
-    shown, count = [k for k, each in enumerate(rows[0]) if each.partition(" [")[0] in DRIVES], len(rows[0])
-    head, *cells = ([[*row, ""][k] for k in shown] for row in rows if len(row) in (count - 1, count))  # nothing may fail below
-    return table(lines[0], head, cells), tuple(" ".join(row) for row in rows if len(row) < count - 1)
+    if not (folder / "setpoints.npz").is_file():  # of an earlier version
+        return preformatted(text_of(next(folder / name for name in ("setpoints.txt", "drives.txt") if (folder / name).is_file()))), ()
+    found = LowestSetPoints.load(folder / "setpoints.npz")
+    head, *cells = found.answer_rows
+    return table(found.title, head, cells), _failures(folder)
 
 
-DRIVES = ("controller", "group", "protocol", "lowest", "disk margin", "recovery", "disturbance", "what fails below")
-"""Columns of the lowest set-points that answer."""
+def _failures(folder: Path) -> tuple[str, ...]:
+    """Which controllers have no answer in a folder, and why."""
+    failures = Origin.read(folder).failures if (folder / ORIGIN).is_file() else {}
+    return tuple(f"{label}: {why}" for label, why in failures.items())
+
 
 ALL: Sequence[Kind] = (
     _one("Answers for every controller", "answer", Answers),

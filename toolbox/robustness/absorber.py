@@ -21,6 +21,7 @@ from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
 from toolbox.halving import halved
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.drive import drive_of
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.running import running
 
@@ -65,9 +66,6 @@ class Absorber:
         return f"An ideal absorber keeps `{self.signal}` smooth down to {shown(self.speed, self.unit)}: {taken}"
 
 
-SPEED, TORQUE = "top.speed", "top.torque"
-
-
 @takes_loop
 def absorber_limit(
     loop: ClosedLoop,
@@ -75,7 +73,7 @@ def absorber_limit(
     *,
     keep_inertia: bool = False,
 ) -> Absorber:
-    """Find the lowest set-point of the top speed at which a spring, a damper and an inertia at the top can keep smooth
+    """Find the lowest speed of the drive at which a spring, a damper and an inertia there can keep smooth
     running stable, if they are tuned best.
 
     The result is exact to a part in a thousand.
@@ -98,7 +96,7 @@ def absorber_limit(
     Raises
     ------
     SceneError
-        If there is no smooth running, or `top.torque` does not act on `top.speed`.
+        If there is no smooth running, or the drive has no inertia.
 
     Examples
     --------
@@ -109,16 +107,17 @@ def absorber_limit(
     >>> print(str(found).partition(":")[0])
     An ideal absorber keeps `top.speed` smooth down to 19.4 rpm
     """
-    unit = loop.unsampled().system.signal_unit(SPEED)
+    signal, effort = drive_of(loop.plant)
+    unit = loop.unsampled().system.signal_unit(signal)
     bounds = low, high = checked_range(bounds, "bounds", unit)
 
     calm: list[np.ndarray] = []  # the absorbers of the speeds that are smooth, of which each is lower than the one before
     units = {unit: asked_in(bounds, unit)}
 
     def smooth(speed: float) -> bool:
-        point = running(loop, {SPEED: speed}, TORQUE)
-        linear = linearise(point.plant, point, inputs=TORQUE, outputs=SPEED)
-        growth, numbers = tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], keep_inertia)
+        point = running(loop, {signal: speed}, effort)
+        linear = linearise(point.plant, point, inputs=effort, outputs=signal)
+        growth, numbers = tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia)
         for each, asked in point.display_units.items():
             units.setdefault(each, asked)
         if growth < 0.0:
@@ -126,10 +125,10 @@ def absorber_limit(
         return growth < 0.0
 
     if not smooth(high):
-        return Absorber(SPEED, unit, math.nan, math.nan, math.nan, math.nan, units)
+        return Absorber(signal, unit, math.nan, math.nan, math.nan, math.nan, units)
     speed = low if smooth(low) else halved(smooth, low, high, 1e-3)[1]
     damping, stiffness, inertia = calm[-1].tolist()
-    return Absorber(SPEED, unit, speed, damping, stiffness, inertia, units)
+    return Absorber(signal, unit, speed, damping, stiffness, inertia, units)
 
 
 def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, keep_inertia: bool) -> tuple[float, np.ndarray]:
@@ -138,7 +137,7 @@ def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, keep_inertia: bool) -> tu
 
     reach = float(C @ B)
     if reach <= 0.0:
-        raise SceneError("Argument `loop` must have a `top.torque` that acts on the inertia of `top.speed`.")
+        raise SceneError("Argument `loop` must have a drive whose force or torque acts on an inertia at the same place, but it has none.")
     own = 1.0 / reach
     poles = np.abs(np.linalg.eigvals(A))
     pace = float(np.median(poles[poles > 1e-6 * poles.max()]))

@@ -82,9 +82,10 @@ class Checks:
                 lambda: run.plot(),
             )
 
-    def severity_below(self, run: Trajectory, limit: float, after: float, signal: str = "bit.speed") -> float:
-        """The severity of a speed, half its range by its mean, is below a limit after `after` [s]; returns it."""
+    def severity_below(self, run: Trajectory, limit: float, after: float, signal: str | None = None) -> float:
+        """The severity of a speed, half its range by its mean, is below a limit after `after` [s]; returns it. signal: by default the judged speed."""
         __tracebackhide__ = True
+        signal = signal or judged_speed(run.run.loop, judged_contact(run.run.loop))
         value = measure.severity(run, signal, after)
         if not value < limit:
             found = measure.extent(run, signal, after)
@@ -232,11 +233,12 @@ class Checks:
         return found
 
     def beats(
-        self, run: Trajectory, other: Trajectory, after: float, signal: str = "bit.speed", element: str | None = None, by: float = 1.0
+        self, run: Trajectory, other: Trajectory, after: float, signal: str | None = None, element: str | None = None, by: float = 1.0
     ) -> float:
         """A run sticks no longer than another and its severity is below that of the other, divided by `by`; returns the ratio of severities."""
         __tracebackhide__ = True
         contact = judged_contact(run.program.system, element)
+        signal = signal or judged_speed(run.run.loop, contact)
         mine, theirs = (measure.severity(each, signal, after) for each in (run, other))
         stuck, stuck_other = (each.time_in(contact, "stick", after=after) for each in (run, other))
         if not (stuck <= stuck_other and mine < theirs / by):

@@ -30,6 +30,7 @@ from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.drive import drive_of
 from toolbox.modelling.laws import names
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.linear_loop import zero_order_hold
@@ -91,8 +92,8 @@ def performance_limit(
     loop: ClosedLoop,
     at: Mapping[str, NumberOrText],
     *,
-    measured_signals: str | Sequence[str] = "top.speed",
-    actuated_signals: str = "top.torque",
+    measured_signals: str | Sequence[str] | None = None,
+    actuated_signals: str | None = None,
     period: NumberOrText | None = None,
     delay: NumberOrText = 0.0,
 ) -> PerformanceLimit:
@@ -106,9 +107,9 @@ def performance_limit(
     at
         {signal: value} of the steady state, such as {"top.speed": 3.0}, in SI or text with units.
     measured_signals
-        Signals that the controller may measure.
+        Signals that the controller may measure; by default the speed of the drive.
     actuated_signals
-        The one input that the controller drives. If a part such as a drive with lags lies between controller and
+        The one input that the controller drives; by default the force or torque of the drive. If a part such as a drive with lags lies between controller and
         plant, it is taken into account.
     period
         Sample time [s]. None for continuous controllers.
@@ -137,6 +138,8 @@ def performance_limit(
       unstable poles [1/s]: none;  zeros [1/s]: none
     """
     plant = loop.unsampled().system
+    measured_signals = drive_of(plant)[0] if measured_signals is None else measured_signals
+    actuated_signals = drive_of(plant)[1] if actuated_signals is None else actuated_signals
     if not isinstance(actuated_signals, str):
         raise SceneError(
             f"Argument `actuated_signals` must be the name of one input, but it is {actuated_signals!r}: with several the limits are not known in this form."

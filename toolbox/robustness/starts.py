@@ -59,7 +59,18 @@ class Found:
 
 @dataclass(frozen=True)
 class SmoothRunning:
-    """Start at smooth running, with the commands and the memory that the controllers have there."""
+    """Start at smooth running, with the commands and the memory that the controllers have there.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, worst_case
+    >>> from toolbox.robustness import SmoothRunning
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="60 rpm"), "10 ms"))
+    >>> print(worst_case(loop, "60 s", starts=SmoothRunning()).survives)
+    True
+    """
 
     @property
     def words(self) -> str:
@@ -134,6 +145,16 @@ class OwnStickSlip:
     ----------
     phases
         Number of instants of the cycle, at equal parts of its period.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, worst_case
+    >>> from toolbox.robustness import OwnStickSlip
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="60 rpm"), "10 ms"))
+    >>> print(worst_case(loop, "60 s", starts=OwnStickSlip()).survives)
+    False
     """
 
     phases: int = 4

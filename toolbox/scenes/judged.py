@@ -12,14 +12,15 @@ from toolbox.errors import SceneError, suggest
 from toolbox.measuring import measure
 from toolbox.measuring.metrics import Metric, metrics_of, settling, standstill, time_in
 from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.drive import EFFORTS, drive_among
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.trajectory import Trajectory
 
 
 def judged_effort(plant: HybridSystem, signal: str) -> str:
-    """The input whose peak is reported where nobody names one: the torque of a top drive, else the first input, else the judged signal."""
-    return "top.torque" if "top.torque" in plant.inputs else next(iter(plant.inputs), signal)
+    """The input whose peak is reported where nobody names one: the first force or torque, else the first input, else the judged signal."""
+    return next((name for name in plant.inputs if name.endswith(EFFORTS)), next(iter(plant.inputs), signal))
 
 
 def judged_element(names: Sequence[str], element: str | None, argument: str = "element") -> str | None:
@@ -131,8 +132,11 @@ def _looked_at(what: str, judge: ClosedLoop | Recorded, argument: str) -> str:
         raise SceneError(
             f"Argument `{argument}` must say of what it is, because the run has no contact: `metrics.maximum(...)`, for example."
         )
-    speed = f"{contact}.speed" if f"{contact}.speed" in judge else f"{contact}.slip"
-    return {"contact": contact, "speed": speed}.get(what) or ("top.torque" if "top.torque" in judge else speed)
+    speed = measure.rubbing_speed(judge, contact)
+    if what != "effort":
+        return contact if what == "contact" else speed
+    drive = drive_among((name for name in judge.names if name.rpartition(".")[0] not in judge.contacts), judge.__contains__)
+    return speed if drive is None else drive[1]
 
 
 def set_point(machine: HybridSystem | Recorded, signal: str) -> str | None:

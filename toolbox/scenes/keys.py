@@ -54,7 +54,7 @@ KEYS: dict[str, tuple[Key, ...]] = {
         Key("inside", "", "none", "what acts around the law, from the inside out: \"Lifting\", or { law = \"Lifting\", first = 1.6 }, or a list of such"),
         Key("sample_time", "s", "continuous", "period of a sampled law"),
         Key("delay", "s", "0", "time from a sample to its effect; sampled laws only"),
-        Key("noise", "of each signal", "none", "standard deviations of what a sampled law measures: { \"top.speed\" = 0.01 }"),
+        Key("noise", "of each signal", "none", "standard deviations of what a sampled law measures: { \"shaft.speed\" = 0.01 }"),
         Key("resolution", "of each signal", "none", "steps of what a sampled law measures"),
         Key("seed", "1", "0", "seed of the noise, an integer"),
         Key("inputs", "of each input", "those of the scene", "inputs in time of this case alone"),
@@ -62,7 +62,7 @@ KEYS: dict[str, tuple[Key, ...]] = {
     "[start]": (Key("<state>", "of the state", "0", "value of a state at the beginning"),),
     "[inputs]": (
         Key("<signal>", "of the signal", "its default", "a number, or { ramp = { start, end, begin, finish } }, likewise step, sine, noise, sweep, square, "
-            "triangle, table = { times, values }; for an input of the plant, a parameter that changes in time, or what all laws ask for: top.reference"),
+            "triangle, table = { times, values }; for an input of the plant, a parameter that changes in time, or what all laws ask for, such as a set-point"),
     ),
     "[parameters]": (Key("<name>", "of the parameter", "as declared", "value of a parameter where the machine is not what the controllers are designed for"),),
     "[verdict]": (
@@ -74,7 +74,7 @@ KEYS: dict[str, tuple[Key, ...]] = {
     ),
     "[measured]": (
         Key("file", "", REQUIRED, "path of the log, from the folder of the scene"),
-        Key("columns", "", "the names of the plant", "what signals, or time, are called in the log: { \"bit.speed\" = \"downhole speed\" }"),
+        Key("columns", "", "the names of the plant", "what signals, or time, are called in the log: { \"shaft.speed\" = \"speed sensor 2\" }"),
         Key("windows", "s", "all of it", "stretches of the log, each simulated from `start` on under what was measured of the inputs: [[\"5 s\", \"35 s\"]]"),
     ),
 }  # fmt: skip

@@ -64,6 +64,16 @@ class Scene(Labelled):
         For a stop, the value of `signal` at which it counts as standing. What is judged then ends there, and a last stick into standstill does not count.
     measured
         What was measured on the machine, which a study shows beside what is simulated; None for nothing.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque, StiffPI
+    >>> from models import BitRock, wells
+    >>> from toolbox import Scene, compose
+    >>> drives = {"stiff": StiffPI(reference="120 rpm"), "soft": SoftTorque(reference="120 rpm")}
+    >>> scene = Scene.of(compose(wells.JANSEN_2, BitRock(weight="60 kN")), "60 s", drives)
+    >>> print(f"{scene.run('soft')['bit.speed'][-1]:.1f} rad/s")
+    12.6 rad/s
     """
 
     title: str
@@ -113,7 +123,7 @@ class Scene(Labelled):
         signal
             The speed to judge; by default `<element>.speed` where the plant has it, else its slip. It must be given where there is no contact.
         effort
-            The input whose peak is reported; by default `top.torque`, else the first input.
+            The input whose peak is reported; by default the first force or torque, else the first input.
         after
             Time from which on the run is judged [s]; by default half of the duration.
         reference

@@ -198,7 +198,12 @@ def _loaded(kind: Any, value: Any, name: str, folder: Path) -> Any:
 
 
 def _tabulated(item: Any, data: Mapping[str, Any], title: str, folder: Path) -> Component:
-    """A part made by its `from_tables`, whose annotations say which argument is a path."""
+    """A part made by its `from_tables`."""
+    return item.from_tables(**_of_tables(item, data, title, folder))
+
+
+def _of_tables(item: Any, data: Mapping[str, Any], title: str, folder: Path) -> dict[str, Any]:
+    """Arguments of `from_tables`, whose annotations say which is a path."""
     made = inspect.signature(item.from_tables).parameters
     hints = typing.get_type_hints(item.from_tables, include_extras=True)
     _keys(data, title, tuple(made), [name for name, argument in made.items() if argument.default is inspect.Parameter.empty])
@@ -209,7 +214,17 @@ def _tabulated(item: Any, data: Mapping[str, Any], title: str, folder: Path) -> 
             values[key] = folder / _text(value, f"{title}.{key}")
         else:
             values[key] = _field_value(value, hints[key], f"{title}.{key}", None)
-    return item.from_tables(**values)
+    return values
+
+
+def table_part(path: Path) -> tuple[Any, dict[str, Any]]:
+    """(part that is made from tables, arguments of its `from_tables`) of a scene. Raises SceneError if it has none."""
+    for entry in _tables(_data(path), "plant"):
+        item = catalogue.part(entry["part"], "part") if isinstance(entry, dict) and isinstance(entry.get("part"), str) else None
+        values = {key: value for key, value in entry.items() if key != "part"} if item is not None else {}
+        if _from_tables(item, values):
+            return item, _of_tables(item, values, entry["part"], path.parent)
+    raise SceneError('none of its parts is made from a table of sections: `part = "DrillString"` with `sections` and `survey` is.')
 
 
 def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -> Case:

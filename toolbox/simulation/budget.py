@@ -26,6 +26,18 @@ class Budget:
     seconds
         Time in the event loop [s], looked at about ten times a second, and by predictive laws before each program that they solve (other laws in Python:
         `toolbox.authoring.time_left`).
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import Budget, compose, simulate
+    >>> from toolbox.errors import BudgetError
+    >>> from toolbox.simulation import EventExact
+    >>> try:
+    ...     run = simulate(compose(BlockOnBelt()), "60 s", method=EventExact(budget=Budget(events=5)))
+    ... except BudgetError as error:
+    ...     print(len(error.run.events), "events")
+    5 events
     """
 
     steps: int = 20_000_000

@@ -112,7 +112,7 @@ class Recorded(Stays):
         return traces(self, *signals, ax=ax)
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
-        signal = next(iter([*self.main_signals, *self.names]), "bit.speed")
+        signal = next(iter([*self.main_signals, *self.names]), "...")
         no_array(self, f"take a signal, such as `run[{signal!r}]`, or all of them, `run.to_pandas()` or `run.to_xarray()`")
 
     def to_pandas(self) -> Any:

@@ -99,6 +99,14 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         Those controllers as the run left them, with what they recorded; they do not travel with a pickled trajectory.
     why
         What steps a run by "event" took, and why; by another method why its steps were not taken; else empty.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> run = simulate(compose(BlockOnBelt()), "60 s")
+    >>> print(f"{run.at(30.0)['block.speed']:.2f} m/s, {len(run.events)} events, {run.time_in('belt', 'stick'):.1f} s in stick")
+    0.04 m/s, 11 events, 38.3 s in stick
     """
 
     controllers: tuple[Any, ...] = ()

@@ -21,9 +21,10 @@ from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.components import Component, Equations
 from toolbox.modelling.composition import assembled, compose
+from toolbox.modelling.drive import drive_among
 from toolbox.modelling.elements import Quantity, quantity, state
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import Controller, Sampled, designed
+from toolbox.modelling.laws import SIGNALS, Controller, Sampled, designed, names
 from toolbox.steady_states.linear import linearise
 from toolbox.vocabulary import new_names_only
 
@@ -32,7 +33,7 @@ from toolbox.vocabulary import new_names_only
 class _Turned(Component):
     """A shaft whose speed is imposed: it gives `motion` and forgets nothing but its angle."""
 
-    motion: str = "top.speed"
+    motion: str = ""
     start: Quantity = quantity(0.0, "rad/s", "speed about which it is imposed")
 
     def equations(self, signal: Any) -> Equations:
@@ -46,8 +47,8 @@ def impedance(
     *parts: Component | Sampled,
     frequency: Sequence[float] | np.ndarray,
     plant: HybridSystem | None = None,
-    speed_signal: str = "top.speed",
-    torque_signal: str = "top.torque",
+    motion: str | None = None,
+    effort: str | None = None,
     inertia: NumberOrText = 0.0,
     drag: NumberOrText = 0.0,
     speed: NumberOrText = 0.0,
@@ -70,7 +71,8 @@ def impedance(
     plant
         The plant on which controllers are designed.
     speed_signal, torque_signal
-        Names of the speed and of the torque at the top.
+        Names of the speed and of the torque at the top; by default the first signals that the controller measures and
+        gives.
     inertia, drag
         Inertia J [kg m2] and drag c_r [N m s/rad] of the top itself.
     speed
@@ -115,7 +117,11 @@ def impedance(
         if isinstance(law, Controller) and plant is not None:
             law = designed(law, plant)
         own.append(law)
-    turned = _Turned(motion=speed_signal, start=float(speed))
+    at_ends = [next(iter(names(getattr(each, word))), "") for each in own if isinstance(each, Controller) for word in SIGNALS][:2]
+    routes = [name for part in own for name in part.routes]
+    at_ends = at_ends or list(drive_among(routes, routes.__contains__) or ("", ""))
+    motion, effort = (end if named is None else named for named, end in zip((motion, effort), at_ends, strict=True))
+    turned = _Turned(motion=motion, start=float(speed))
     driven = compose(turned, *own) if plant is None else assembled((turned, *own))
     if not isinstance(torque_signal, str) or torque_signal not in driven.signals:
         raise SceneError(f"Argument `parts` must give the signal `{torque_signal}`, but they do not.")

@@ -1,0 +1,91 @@
+"""An axis that slides and a joint that turns: one body under a measured force, with friction, for identification from recordings.
+
+    m v' = F - F_0 - R(v)                    R: friction of the law, times 1 + q |P| under a load P that is transmitted
+
+F_0 is a constant force beside friction: the zero of a sensor or an amplifier, or a weight. A recorder may see the speed behind a filter, T y' = v - y. At
+steady speed the force is the resistance R + F_0, which is a signal of its own. Source: textbook; the form is that of A. Janot, P.-O. Vandanjon, M. Gautier,
+Control Eng. Practice 21 (2013) 1191-1204.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from models.friction import Coulomb, Viscous
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
+
+
+def _moved(signal, part, place, force_name, units, body):
+    """The equations of a body with friction. place: name of its position;  units: of position, speed and force;  body: its mass or inertia."""
+    length, speed, force = units
+    x, v = state(f"{part.prefix}.{place}", length), state(f"{part.prefix}.speed", speed)
+    drive = signal(f"{part.prefix}.{force_name}", force, default=0.0)
+    load = 1.0
+    if part.loaded:
+        load = 1.0 + part.load_share * ca.fabs(signal(f"{part.prefix}.load", force, default=0.0))
+    rub = DryFriction(part.contact, v, part.friction, load, slip_unit=speed, force_unit=force)
+    flow = {x: v, v: (drive - part.offset + rub.force) / body}
+    gives = {f"{part.prefix}.resistance": (part.offset - rub.force, force)}
+    if part.filtered:
+        y = state(f"{part.prefix}.filtered_speed", speed)
+        flow[y] = (v - y) / part.filter_time
+    return Equations(
+        flow=flow,
+        gives=gives,
+        elements=[rub],
+        stored=body * v**2 / 2,
+        losses={"friction": -rub.force * v},
+        supplies={"force": drive * v, "offset": -part.offset * v},
+    )
+
+
+@dataclass(frozen=True)
+class Axis(Component):
+    """Axis that slides under a force with dry and viscous friction: the plant that `identify` takes for recordings in m and N.
+
+    - Needs the signal `axis.force` [N] (default 0), and `axis.load` [N] (default 0) where it is `loaded`.
+    - Gives the signals `axis.position` [m], `axis.speed` [m/s], `axis.resistance` [N], the force at steady speed, and where it is `filtered` also
+      `axis.filtered_speed` [m/s], the speed behind the filter of a recorder.
+    - Contact: `rail`.
+
+    Numbers are chosen. Equations and source: `models.axis`.
+    """
+
+    mass: Quantity = quantity(1.0, "kg", "mass that moves", above=0)
+    offset: Quantity = quantity(0.0, "N", "constant force against positive motion")
+    load_share: Quantity = quantity(0.0, "1/N", "part by which friction grows for each N of load", at_least=0)
+    filter_time: Quantity = quantity(0.01, "s", "time constant of the filter of the measured speed", above=0)
+    friction: FrictionLaw = Viscous(Coulomb(1.0, 1.0), 1.0)
+    loaded: bool = False
+    filtered: bool = False
+    prefix, contact = "axis", "rail"
+
+    def equations(self, signal):
+        return _moved(signal, self, "position", "force", ("m", "m/s", "N"), self.mass)
+
+
+@dataclass(frozen=True)
+class Joint(Component):
+    """Joint that turns under a torque with dry and viscous friction: the plant that `identify` takes for recordings in rad and N m.
+
+    - Needs the signal `joint.torque` [N m] (default 0), and `joint.load` [N m] (default 0) where it is `loaded`.
+    - Gives the signals `joint.angle` [rad], `joint.speed` [rad/s], `joint.resistance` [N m], the torque at steady speed, and where it is `filtered` also
+      `joint.filtered_speed` [rad/s], the speed behind the filter of a recorder.
+    - Contact: `bearing`.
+
+    Numbers are chosen. Equations and source: `models.axis`.
+    """
+
+    inertia: Quantity = quantity(0.1, "kg m2", "inertia that turns", above=0)
+    offset: Quantity = quantity(0.0, "N m", "constant torque against positive motion")
+    load_share: Quantity = quantity(0.0, "1/(N m)", "part by which friction grows for each N m of load", at_least=0)
+    filter_time: Quantity = quantity(0.01, "s", "time constant of the filter of the measured speed", above=0)
+    friction: FrictionLaw = Viscous(Coulomb(0.1, 0.1), 0.1)
+    loaded: bool = False
+    filtered: bool = False
+    prefix, contact = "joint", "bearing"
+
+    def equations(self, signal):
+        return _moved(signal, self, "angle", "torque", ("rad", "rad/s", "N m"), self.inertia)

@@ -1,0 +1,185 @@
+"""The verdicts on the controllers of a scene: what they are called, and their table as text, in cells and on disk."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from toolbox.files import tables
+from toolbox.files.archives import understood
+from toolbox.files.printing import columns, shown
+from toolbox.files.reading import TEXT, text_of
+from toolbox.files.unit_systems import reading
+from toolbox.scenes.situation import Situation, start_in_words
+
+if TYPE_CHECKING:
+    from toolbox.scenes.scene import Scene
+
+
+class Verdict(str):
+    """A verdict in words. tone: "good", "fair" or "bad", how it is coloured."""
+
+    tone: str
+
+    def __new__(cls, words: str, tone: str = "fair") -> Verdict:
+        verdict = super().__new__(cls, words)
+        verdict.tone = tone
+        return verdict
+
+
+FREE = Verdict("free", "good")
+NO_STICK = Verdict("no stick", "good")
+RECOVERED = Verdict("recovered", "good")
+RECOVERED_ONCE = Verdict("recovered after 1 stick")
+SWING = Verdict("swing")
+NO_MODES = Verdict("no modes")
+STANDS_AT_ONCE = Verdict("stands at once")
+DOES_NOT_STAND = Verdict("does not stand")
+STICK_SLIP = Verdict("stick-slip", "bad")
+STICK_SLIP_LATER = Verdict("stick-slip later", "bad")
+IRREGULAR = Verdict("irregular stick-slip", "bad")
+STUCK = Verdict("stuck", "bad")
+FAILED = Verdict("failed", "bad")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table of a study, in SI; nan where a number does not exist, inf for what never settles.
+
+    Attributes
+    ----------
+    controller
+        Label of the case.
+    verdict
+        What the controller achieved, in words.
+    stuck
+        Time of sticking after the settle time [s].
+    severity, settling, overshoot
+        As in `toolbox.measure`; for a stop, the settling is the time of standstill [s].
+    peak
+        Largest |effort|.
+    error
+        Largest scaled state error.
+    wall_time
+        Time in the event loop [s].
+    files
+        Beginning of the names of the files of this controller.
+    failure
+        Why the run could not be finished; empty if it was.
+    more
+        {name: value} of further measures.
+    """
+
+    controller: str
+    verdict: str
+    stuck: float = math.nan
+    severity: float = math.nan
+    settling: float = math.nan
+    overshoot: float = math.nan
+    peak: float = math.nan
+    error: float = math.nan
+    wall_time: float = math.nan
+    files: str = ""
+    failure: str = ""
+    more: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the run could not be finished; `failure` then says why."""
+        return bool(self.failure)
+
+
+HEADINGS = tuple(each.name for each in dataclasses.fields(Row) if each.name not in ("wall_time", "more"))
+"""Headings of the table on disk, before further measures: all but the time, which is never the same again."""
+
+
+def _others(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(name for row in rows for name in row.more))
+
+
+def write_table(rows: Sequence[Row], path: Path) -> None:
+    """The rows as csv in SI units, whole or not at all; a number that does not exist is left empty, what never settles is inf."""
+    others = _others(rows)
+    cells = [[*(getattr(row, name) for name in HEADINGS), *(row.more.get(name, math.nan) for name in others)] for row in rows]
+    tables.write(path, [*HEADINGS, *others], cells)
+
+
+def read_table(path: Path) -> list[Row]:
+    """The rows that `write_table` wrote. Raises SceneError where the file is none of a study."""
+    rows = []
+    with understood(path, "the table of a study"):
+        for told in csv.DictReader(io.StringIO(text_of(path, TEXT, "table"))):
+            texts: dict[str, Any] = {name: told.pop(name, "") for name in ("controller", "verdict", "files", "failure")}
+            values = {name: float(text) if text else math.nan for name, text in told.items()}
+            own: dict[str, Any] = {name: values.pop(name) for name in HEADINGS if name not in texts}
+            rows.append(Row(**texts, **own, more=values))
+    return rows
+
+
+def table(scene: Scene, rows: Sequence[Row], times: bool = True) -> str:
+    """The rows as text, under what was judged and above the reasons of failures; times: whether with the time that each took."""
+    lines = columns(in_cells(scene, rows, times), (0, 1), "")
+    lines.insert(1, "-" * max(map(len, lines)))
+    return "\n".join([scene.title, judged_by(scene), "", *lines, *failures(rows)])
+
+
+def failures(rows: Sequence[Row]) -> list[str]:
+    """Which runs failed, and why, one sentence each."""
+    return [f"{row.controller} {row.verdict}: {row.failure}" for row in rows if row.failed]
+
+
+def judged_by(scene: Scene) -> str:
+    """A sentence about what is judged in which time."""
+    speed = reading(scene.plant().unit(scene.signal), scene.display_units)
+    until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill * speed.factor:g} {speed.unit}"
+    set_point = f"; set-point {scene.reference * speed.factor:.4g} {speed.unit}" if scene.reference else ""
+    label = next((each for each in scene.labels if scene[each].controllers), scene.labels[0])
+    situation = Situation.of(
+        scene[label],
+        start_in_words(scene[label]),
+        f"{scene.duration:g} s, carried on until the regime is decided",
+        design="controllers as the scene gives them",
+    )
+    return f"{scene.judges}, judged from {scene.after:g} s to {until}{set_point}.\n{situation}"
+
+
+def in_cells(scene: Scene, rows: Sequence[Row], times: bool = True) -> list[list[str]]:
+    """Headings and rows as texts, in the units of the scene; times: whether with the time that each took."""
+    effort = reading(scene.plant().unit(scene.effort), scene.display_units)
+    head = [
+        "controller",
+        "verdict",
+        "stuck",
+        "severity",
+        "settling",
+        "overshoot",
+        f"peak {scene.effort}",
+        "error",
+        *(["wall time"] if times else []),
+    ]
+    if scene.standstill is not None:
+        head[head.index("settling")] = "stands at"
+    others = _others(rows)
+    cells = [[*head, *others]]
+    for row in rows:
+        cells.append(
+            [
+                row.controller,
+                row.verdict,
+                shown(row.stuck, ".2f", " s"),
+                shown(row.severity, ".3f"),
+                "never" if row.settling == math.inf else shown(row.settling, ".1f", " s"),
+                "-" if row.settling == math.inf else shown(100 * row.overshoot, ".1f", " %"),  # without settling it is only a peak
+                shown(row.peak * effort.factor, ".0f" if row.peak * effort.factor >= 1000 else ".4g", f" {effort.unit}"),
+                shown(row.error, ".0e"),
+                *([shown(1e3 * row.wall_time, ".2g" if row.wall_time < 0.1 else ".0f", " ms")] if times else []),
+                *(shown(row.more.get(name, math.nan), ".4g") for name in others),
+            ]
+        )
+    return cells

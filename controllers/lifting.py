@@ -62,7 +62,7 @@ class Lifting(Controller):
 
     `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded
     are `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the size of the set-point at which it did, else 0), `lifting.held` (how
-    far above the set-point the bit calmed last), and with `weight_relief` `lifting.relief` (the share that is off). Sampled only. Around a law that is designed as
+    far above the set-point the bit calmed last), and with `weight_relief` `lifting.relief` (the share off). Sampled only. Around a law that is designed as
     a callable, such as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the rotary speed
     against stick-slip; the rule is a choice of this file.
 

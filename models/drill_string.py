@@ -27,7 +27,7 @@ class TorsionalChain(Component):
 
     `friction` adds dry friction at every inertia i, contact `chain.i` (i from 0, like the columns of `chain.speed`), with load `friction_load[i]`; with one
     load less the last inertia has none, as where `BitRock` holds it. `friction_at` names the inertias that have friction, one for each load, where others
-    have none. `drag` c_i adds to `top_drag` and `bit_drag`. `collar_index` is the inertia (-1 for the last) on which a part acts sideways of the string, such as
+    have none. `drag` c_i adds to `top_drag` and `bit_drag`. `collar_index` is the inertia (-1: last) on which a part acts sideways of the string, such as
     `WhirlingCollar`: it needs `collar.torque` [N m] (0) and gives `collar.speed` [rad/s].
 
     Examples

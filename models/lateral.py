@@ -49,7 +49,7 @@ class WhirlingCollar(Component):
     >>> from dataclasses import replace
     >>> from models import BitRock, WhirlingCollar, wells
     >>> from toolbox import compose
-    >>> plant = compose(replace(wells.UFRJ_2, collar=-1), BitRock(), WhirlingCollar())
+    >>> plant = compose(replace(wells.UFRJ_2, collar_index=-1), BitRock(), WhirlingCollar())
     >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
     8 states, 3 contacts
     """

@@ -251,18 +251,18 @@ def _partly(
     friction: np.ndarray,
     v: float,
     w: float,
-    at_top: NumberOrText,
+    load_at_top: NumberOrText,
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Tension, torque and front of a string of which only the part moves that what is applied at the top can move."""
     if v and w:
-        raise SceneError("Argument `at_top` must come with one motion, along the hole or around it, but both are given.")
+        raise SceneError("Argument `load_at_top` must come with one motion, along the hole or around it, but both are given.")
     name, unit, lay, moved = ("hook load", "N", hanging, pulls) if v else ("torque", "N m", np.zeros(string.depth.size), torques)
-    applied = number("load_at_top", at_top, unit)
+    applied = number("load_at_top", load_at_top, unit)
     way = math.copysign(1.0, moved[0] - lay[0]) if moved[0] != lay[0] else (math.copysign(1.0, -v) if v else math.copysign(1.0, w))
     if way * (applied - lay[0]) < 0:
         side = "above" if way > 0 else "below"
         raise SceneError(
-            f"Argument `at_top` must be a {name} {side} {lay[0]:.6g} {unit}, that of the string at rest, but it is {applied:g} {unit}."
+            f"Argument `load_at_top` must be a {name} {side} {lay[0]:.6g} {unit}, that of the string at rest, but it is {applied:g} {unit}."
         )
     if way * (applied - moved[0]) >= 0:
         return pulls, torques, float(string.depth[-1])
@@ -382,7 +382,7 @@ class TorqueDragOperations(Result):
         heads = ("operation", f"hook load [{force.unit}]", f"drag [{force.unit}]", f"torque at the top [{torque.unit}]", "string")
         rows: list[tuple[str, ...]] = [heads]
         for name, each in self.operations.items():
-            moves = "moves" if each.moves else f"moves above {each.front * length.factor:.4g} {length.unit}"
+            moves = "moves" if each.moves else f"moves above {each.sliding_front * length.factor:.4g} {length.unit}"
             if each.tension.min() < 0.0 and name != "rotating on bottom":
                 moves += f", in compression below {each.neutral * length.factor:.4g} {length.unit}"
             rows.append(

@@ -21,8 +21,8 @@ def block(stiffness=0.0, directions=1, friction=None, **options):
     unit = np.eye(directions)
     fields = {
         "mass": MASS * unit, "stiffness": stiffness * unit, "tangent": unit[None], "friction": friction or Coulomb(MU, MU), "load": [LOAD],
-        "forces": {f"force.{axis}": unit[i] for i, axis in enumerate("xy"[:directions])},
-        "surface": {f"surface.{axis}": unit[i][None] for i, axis in enumerate("xy"[:directions])},
+        "force_inputs": {f"force.{axis}": unit[i] for i, axis in enumerate("xy"[:directions])},
+        "surface_velocity": {f"surface.{axis}": unit[i][None] for i, axis in enumerate("xy"[:directions])},
         "outputs": {axis: unit[i] for i, axis in enumerate("xy"[:directions])},
     }  # fmt: skip
     return ContactProblem(**fields | options)
@@ -317,7 +317,7 @@ def test_the_noise_of_every_seed_is_that_of_a_run_with_located_events():
         run(Sampled(law, 0.1, noise={"block.speed": 1.0}, seed=seed, measured_signals="block.speed", actuated_signals="block.force"))
         return noise
 
-    at_rest = block(forces={"block.force": [1.0]}, surface={}, outputs={"block": [1.0]})
+    at_rest = block(force_inputs={"block.force": [1.0]}, surface_velocity={}, outputs={"block": [1.0]})
     for seed in range(6):
         noise = seen(lambda law: step_contacts(at_rest, 5.0, step=0.1, controller=law), seed)
         assert noise == seen(lambda law: simulate(compose(Block()), 5.0, controller=law), seed)

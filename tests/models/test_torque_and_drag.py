@@ -76,8 +76,10 @@ def test_a_string_pulled_too_little_slides_as_far_as_its_friction_is_overcome(ki
     # (H - H0) = mu w sin(inc) s
     part, across = 0.4013, MU * PIPE.weight(MUD) * math.sin(INCLINATION)
     found = moved(load_at_top=ALONG + sign * part * across * 1500.0, **kind)
-    assert found.front == pytest.approx(part * 1500.0, rel=1e-9) and not found.moves
-    np.testing.assert_allclose(found.tension - found.hanging, sign * across * np.maximum(0.0, found.front - found.depth), atol=1e-6)
+    assert found.sliding_front == pytest.approx(part * 1500.0, rel=1e-9) and not found.moves
+    np.testing.assert_allclose(
+        found.tension - found.frictionless_tension, sign * across * np.maximum(0.0, found.sliding_front - found.depth), atol=1e-6
+    )
     assert not found.torque.any() and found.sliding.sum() == np.count_nonzero(found.depth <= 0.4013 * 1500.0)
 
 
@@ -85,7 +87,7 @@ def test_a_string_wound_up_too_little_is_twisted_down_to_its_front():
     # M = mu w sin(inc) R (s* - s), twist = M0^2 / (2 G J mu w sin(inc) R)
     slope = MU * PIPE.weight(MUD) * math.sin(INCLINATION) * PIPE.outer / 2
     found = moved(turning_speed=1.0, load_at_top=f"{slope * 700.0} N m")
-    assert found.front == pytest.approx(700.0, rel=1e-9)
+    assert found.sliding_front == pytest.approx(700.0, rel=1e-9)
     assert found.twist == pytest.approx((slope * 700.0) ** 2 / (2 * PIPE.rigidity * slope), rel=1e-9)
     assert (found.torque[found.depth > 700.0] == 0.0).all() and found.drag == 0.0
     whole = moved(turning_speed=1.0)
@@ -99,8 +101,8 @@ def test_a_string_that_brings_its_bit_less_torque_than_the_rock_takes_slides_dow
     found = moved(turning_speed=way, bit_torque="3 kN m", load_at_top=way * (1e3 + MU * TURNED))
     assert found.torque[-1] == pytest.approx(way * 1e3, rel=1e-9)
     assert whole.torque - found.torque == pytest.approx(np.full(found.depth.size, way * 2e3), rel=1e-9)
-    assert found.front == found.depth[-1] and found.bit_held and not found.moves and "which the rock holds" in str(found)
-    assert not whole.bit_held and whole.moves
+    assert found.sliding_front == found.depth[-1] and found.bit_static and not found.moves and "which the rock holds" in str(found)
+    assert not whole.bit_static and whole.moves
 
 
 def test_the_run_of_a_string_that_is_wound_up_slowly_leaves_stuck_what_is_below_the_front():
@@ -130,8 +132,8 @@ def test_its_picture_shades_what_is_stuck_and_takes_another_motion(tmp_path):
         "stuck, wound",
     ] and not axes[0].patches
     band = axes[1].patches[0].get_extents().transformed(axes[1].transData.inverted())
-    assert sorted((band.y0, band.y1)) == pytest.approx([part.front, 1700.0])
-    assert TorqueDrag.load(part.save(tmp_path / "part.npz")).sliding_front == part.front
+    assert sorted((band.y0, band.y1)) == pytest.approx([part.sliding_front, 1700.0])
+    assert TorqueDrag.load(part.save(tmp_path / "part.npz")).sliding_front == part.sliding_front
     assert len(part.to_csv(tmp_path / "part.csv").read_text().splitlines()) == part.depth.size + 1
     assert "stuck below" in str(part) and "all of it slides" in str(found)
 
@@ -152,10 +154,10 @@ def test_the_path_of_a_well_is_drawn_to_scale():
     ("kind", "words"),
     [
         ({}, "must not both be 0"),
-        ({"turning_speed": 1.0, "axial_speed": 1.0, "at_top": 1.0}, "one motion"),
-        ({"turning_speed": 1.0, "at_top": -5.0}, "torque above 0 N m"),
-        ({"axial_speed": -1.0, "at_top": 1.0}, "hook load above"),
-        ({"axial_speed": 1.0, "at_top": 1e7}, "hook load below"),
+        ({"turning_speed": 1.0, "axial_speed": 1.0, "load_at_top": 1.0}, "one motion"),
+        ({"turning_speed": 1.0, "load_at_top": -5.0}, "torque above 0 N m"),
+        ({"axial_speed": -1.0, "load_at_top": 1.0}, "hook load above"),
+        ({"axial_speed": 1.0, "load_at_top": 1e7}, "hook load below"),
         ({"axial_speed": 1.0, "weight_on_bit": -1.0}, "weight_on_bit"),
     ],
 )

@@ -180,7 +180,7 @@ def fit(
         if (gain := fitted_evidence(found, tied)) > EVIDENCE:
             again, best, chosen = tied, gain, tuple(undecided)
     if again is not None:
-        found = dataclasses.replace(again, agreeing=found.agreeing, starts=found.starts, held=dict.fromkeys(chosen, best))
+        found = dataclasses.replace(again, agreeing_starts=found.agreeing_starts, starts=found.starts, held=dict.fromkeys(chosen, best))
     elif on is None:
         found = dataclasses.replace(found, held=dict.fromkeys(recording.held or (), math.inf))
     typed = [in_si(ranges[name], unit, name) for name, unit in zip(found.names, found.units, strict=True) if name in ranges]

@@ -249,7 +249,7 @@ def windows(
         onset_margins=margin,
         disk_margin=np.array(disks),
         display_units={**maps[0].display_units, "m": asked_in(deep, "m")},
-        maps=tuple(maps),
+        severity_maps=tuple(maps),
         situation=str(dataclasses.replace(situation_of(loops[0]), plants="the nominal plant at each depth")),
     )
 

@@ -117,7 +117,7 @@ def absorber_limit(
     def smooth(speed: float) -> bool:
         point = running(loop, {signal: speed}, effort)
         linear = linearise(point.plant, point, inputs=effort, outputs=signal)
-        growth, numbers = tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia)
+        growth, numbers = tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], keep_inertia)
         for each, asked in point.display_units.items():
             units.setdefault(each, asked)
         if growth < 0.0:

@@ -47,8 +47,8 @@ def impedance(
     *parts: Component | Sampled,
     frequency: Sequence[float] | np.ndarray,
     plant: HybridSystem | None = None,
-    motion: str | None = None,
-    effort: str | None = None,
+    speed_signal: str | None = None,
+    torque_signal: str | None = None,
     inertia: NumberOrText = 0.0,
     drag: NumberOrText = 0.0,
     speed: NumberOrText = 0.0,
@@ -120,8 +120,10 @@ def impedance(
     at_ends = [next(iter(names(getattr(each, word))), "") for each in own if isinstance(each, Controller) for word in SIGNALS][:2]
     routes = [name for part in own for name in part.routes]
     at_ends = at_ends or list(drive_among(routes, routes.__contains__) or ("", ""))
-    motion, effort = (end if named is None else named for named, end in zip((motion, effort), at_ends, strict=True))
-    turned = _Turned(motion=motion, start=float(speed))
+    speed_signal, torque_signal = (
+        end if named is None else named for named, end in zip((speed_signal, torque_signal), at_ends, strict=True)
+    )
+    turned = _Turned(motion=speed_signal, start=float(speed))
     driven = compose(turned, *own) if plant is None else assembled((turned, *own))
     if not isinstance(torque_signal, str) or torque_signal not in driven.signals:
         raise SceneError(f"Argument `parts` must give the signal `{torque_signal}`, but they do not.")

@@ -20,14 +20,14 @@ from toolbox.modelling import OptionalQuantities, OptionalQuantity
 class HInfinity(TorqueLimits):
     """The H-infinity law from the top speed to the torque: it minimises the worst gain from disturbances to weighted errors.
 
-        u = u_0 + K(s) (1 + leak / s) (w_top - reference)
-        || (T_bit / disturbance, n / speed_noise) -> (w_bit / bit_size, z / angle_size, u / torque_size) || < worst
+        u = u_0 + K(s) (1 + integrator_leak / s) (w_top - reference)
+        || (T_bit / disturbance_scale, n / speed_noise) -> (w_bit / bit_speed_scale, z / angle_scale, u / torque_scale) || < gamma
 
-    z is the error of the top speed through 1 / (s + leak), because with a true integral no law keeps the norm: a constant error of the measured speed would
-    count without end. So K alone leaves an error under a load that it does not know; the factor 1 + leak / s, outside of the norm, makes an integral of its
-    slowest pole and changes nothing above that.
+    z is the error of the top speed through 1 / (s + integrator_leak), because with a true integral no law keeps the norm: a constant error of the measured
+    speed would count without end. So K alone leaves an error under a load that it does not know; the factor 1 + integrator_leak / s, outside of the norm,
+    makes an integral of its slowest pole and changes nothing above that.
 
-    `design` linearises the plant with the bit sliding at `reference`, finds the smallest norm that any law reaches, and takes the central law for `margin`
+    `design` linearises the plant with the bit sliding at `reference`, finds the smallest norm that any law reaches, and takes the central law for `norm_factor`
     times that: it is better conditioned than the optimum. Its states are an observer of the string under the worst disturbance; with torque limits the observer
     gets the torque that is given, and the integral waits while the torque is cut. Sampled, states and integral begin at rest under the torque that acts
     (`controllers.bumpless`). Source: J. C. Doyle, K. Glover, P. P. Khargonekar, B. A. Francis, IEEE Trans. Automatic Control 34 (1989) 831-847. Range: near the
@@ -45,32 +45,34 @@ class HInfinity(TorqueLimits):
     """
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
-    bit_size: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
-    angle_size: Quantity = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
-    torque_size: Quantity = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
-    disturbance: Quantity = quantity(1000.0, "N m", "disturbance of the bit torque", above=0)
+    bit_speed_scale: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
+    angle_scale: Quantity = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
+    torque_scale: Quantity = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
+    disturbance_scale: Quantity = quantity(1000.0, "N m", "disturbance of the bit torque", above=0)
     speed_noise: Quantity = quantity(0.03, "rad/s", "error of the measured top speed", above=0)
-    leak: Quantity = quantity(0.005, "1/s", "pole of the weight on the top speed", above=0)
-    margin: Quantity = quantity(1.2, "1", "norm allowed, in parts of the smallest", above=1)
+    integrator_leak: Quantity = quantity(0.005, "1/s", "pole of the weight on the top speed", above=0)
+    norm_factor: Quantity = quantity(1.2, "1", "norm allowed, in parts of the smallest", above=1)
     order: int = 0
-    places: tuple[int, ...] = ()
-    matrices: OptionalQuantities = quantity(
-        None, "1", "A of K where `places` says (everywhere if it is empty), B, C, and its drive column, row by row; filled in by design"
+    matrix_indices: tuple[int, ...] = ()
+    controller_matrices: OptionalQuantities = quantity(
+        None,
+        "1",
+        "A of K where `matrix_indices` says (everywhere if it is empty), B, C, and its drive column, row by row; filled in by design",
     )
-    torque: OptionalQuantity = quantity(None, "N m", "u_0; filled in by design")
-    begins: OptionalQuantities = quantity(None, "1", "states of K at rest per torque beyond u_0, then K(0); filled in by design")
-    worst: OptionalQuantity = quantity(None, "1", "the norm that is kept; filled in by design")
+    operating_torque: OptionalQuantity = quantity(None, "N m", "u_0; filled in by design")
+    initial_state_map: OptionalQuantities = quantity(None, "1", "states of K at rest per torque beyond u_0, then K(0); filled in by design")
+    gamma: OptionalQuantity = quantity(None, "1", "the norm that is kept; filled in by design")
 
     def design(self, plant):
         """Return the controller designed on the plant. Raises SceneError if no such controller exists."""
-        if self.matrices is not None:
+        if self.controller_matrices is not None:
             return self
         model, x, u, A = drilling_point(plant, self.reference)
         n = x.size
-        F = np.block([[A, np.zeros((n, 1))], [model.top[None, :], np.array([[-self.leak]])]])
-        B1 = np.append(-model.E, 0.0)[:, None] * self.disturbance
-        B2 = np.append(model.B, 0.0)[:, None] * self.torque_size
-        C1 = np.vstack([np.append(model.bit, 0.0) / self.bit_size, np.append(np.zeros(n), 1 / self.angle_size)])
+        F = np.block([[A, np.zeros((n, 1))], [model.top[None, :], np.array([[-self.integrator_leak]])]])
+        B1 = np.append(-model.E, 0.0)[:, None] * self.disturbance_scale
+        B2 = np.append(model.B, 0.0)[:, None] * self.torque_scale
+        C1 = np.vstack([np.append(model.bit, 0.0) / self.bit_speed_scale, np.append(np.zeros(n), 1 / self.angle_scale)])
         C2 = np.append(model.top, 0.0)[None, :] / self.speed_noise
         none = SceneError("HInfinity found no stabilising law at this point: choose another `reference` or other sizes.")
         low, high = 0.0, 1.0
@@ -79,28 +81,28 @@ class HInfinity(TorqueLimits):
             if high > 1e6:
                 raise none
         _, high = halved(lambda gamma: central_law(F, B1, B2, C1, C2, gamma) is not None, low, high, 1e-4)
-        law = central_law(F, B1, B2, C1, C2, self.margin * high)
+        law = central_law(F, B1, B2, C1, C2, self.norm_factor * high)
         if law is None:
             raise none
         A_K, B_K, C_K = law
         places = entries(A_K)
-        numbers = [A_K.ravel()[list(places)], B_K / self.speed_noise, C_K * self.torque_size, B2 / self.torque_size]
+        numbers = [A_K.ravel()[list(places)], B_K / self.speed_noise, C_K * self.torque_scale, B2 / self.torque_scale]
         matrices = np.concatenate([matrix.ravel() for matrix in numbers])
         begins = -np.linalg.solve(A_K, B_K.ravel() / self.speed_noise)
-        steady = float(C_K.ravel() @ begins) * self.torque_size
+        steady = float(C_K.ravel() @ begins) * self.torque_scale
         return replace(
-            self, order=n + 1, places=places, matrices=tuple(matrices.tolist()), torque=u, begins=(*(begins / steady).tolist(), steady),
-            worst=self.margin * high,
+            self, order=n + 1, matrix_indices=places, controller_matrices=tuple(matrices.tolist()), operating_torque=u,
+            initial_state_map=(*(begins / steady).tolist(), steady), gamma=self.norm_factor * high,
         )  # fmt: skip
 
     def check_period(self, period):
         """Raise SceneError if the samples are too far apart for the steps of K, free or cut by its limits: decaying poles would grow."""
-        if self.matrices is None:
+        if self.controller_matrices is None:
             return
         n = self.order
-        _, C, drive = np.reshape(self.matrices[-3 * n :], (3, n))
+        _, C, drive = np.reshape(self.controller_matrices[-3 * n :], (3, n))
         A = np.zeros((n, n))
-        A.ravel()[list(self.places) or slice(None)] = self.matrices[: -3 * n]
+        A.ravel()[list(self.matrix_indices) or slice(None)] = self.controller_matrices[: -3 * n]
         free, cut = np.linalg.eigvals(A), np.linalg.eigvals(A - np.outer(drive, C))
         rates = np.concatenate([free[free.real <= 0.0], cut if self.limits_known else []])
         refuse_swinging(type(self).__name__, rates, period, "A larger `speed_noise` has slower poles.")
@@ -116,33 +118,36 @@ class HInfinity(TorqueLimits):
         c = rate(x + period / 2 * b)
         d = rate(x + period * c)
         memory = {x: x + period / 6 * (a + 2 * b + 2 * c + d), angle: angle + period * turning, **memory}
-        beyond = acting(signal) - self.torque
-        starts = {x: ca.vertcat(*self.begins[:-1]) * beyond, angle: (beyond / self.begins[-1] - self._error(signal)) / self.leak}
+        beyond = acting(signal) - self.operating_torque
+        starts = {
+            x: ca.vertcat(*self.initial_state_map[:-1]) * beyond,
+            angle: (beyond / self.initial_state_map[-1] - self._error(signal)) / self.integrator_leak,
+        }
         return begun(Update(memory, {"top.torque": (command, "N m")}), signal, "hinfinity", starts)
 
     def _column(self, name):
         """B, C or the drive column of K."""
         n, place = self.order, ("B", "C", "drive").index(name)
-        many = len(self.places) or n * n
-        return ca.vertcat(*self.matrices[many + place * n : many + (place + 1) * n])
+        many = len(self.matrix_indices) or n * n
+        return ca.vertcat(*self.controller_matrices[many + place * n : many + (place + 1) * n])
 
     def _error(self, signal):
         return signal("top.speed", "rad/s") - signal("top.reference", "rad/s", default=self.reference)
 
     def _law(self, signal, period):
-        if self.matrices is None or self.torque is None or self.begins is None:
+        if self.controller_matrices is None or self.operating_torque is None or self.initial_state_map is None:
             raise SceneError("HInfinity needs the plant it acts on: call `design(plant)`.")
         n = self.order
-        A = with_entries((n, n), self.places, ca.vertcat(*self.matrices[: len(self.places) or n * n]))
+        A = with_entries((n, n), self.matrix_indices, ca.vertcat(*self.controller_matrices[: len(self.matrix_indices) or n * n]))
         B, C, drive = self._column("B"), self._column("C").T, self._column("drive")
         x, angle = state("hinfinity.state", "1", n), state("hinfinity.angle", "rad")
         error = self._error(signal)
-        wanted = self.torque + C @ x
+        wanted = self.operating_torque + C @ x
         command, memory = self.limited(wanted, period)
         # A holds drive C: the observer knows its own torque, of which the limits take something away
         cut = 0 if command is wanted else drive * (command - wanted)
         turning = error if command is wanted else error * (command == wanted)
-        return x, angle, lambda z: A @ z + B * (error + self.leak * angle) + cut, turning, command, memory
+        return x, angle, lambda z: A @ z + B * (error + self.integrator_leak * angle) + cut, turning, command, memory
 
 
 def central_law(

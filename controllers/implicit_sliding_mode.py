@@ -33,7 +33,7 @@ class ImplicitSlidingMode(SlidingSurface):
       ImplicitSlidingMode, sampled every 10 ms: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m s/rad, learning 0.2
     """
 
-    learning: Quantity = quantity(
+    adaptation_gain: Quantity = quantity(
         0.2, "1", "part of what is left of s that is taken for an acceleration that the model lacks", at_least=0, at_most=1
     )
 
@@ -44,11 +44,11 @@ class ImplicitSlidingMode(SlidingSurface):
         rate, s, equivalent = self.terms(signal, angle)
         reference = signal("top.reference", "rad/s", default=self.reference)
         moving = ca.if_else(before == 0.0, 0.0, self._cut((reference - before) / period))
-        sign = ca.fmin(ca.fmax(s / (self.reaching * period), -1), 1)
-        wanted = equivalent + self.inertia * (moving - lacked - self.reaching * sign)
+        sign = ca.fmin(ca.fmax(s / (self.reaching_rate * period), -1), 1)
+        wanted = equivalent + self.inertia * (moving - lacked - self.reaching_rate * sign)
         command, memory = self.limited(wanted, period)
         inside = (ca.fabs(sign) < 1) * (1 if command is wanted else command == wanted)
-        learned = self._cut(lacked + inside * self.learning * s / period)
+        learned = self._cut(lacked + inside * self.adaptation_gain * s / period)
         update = Update(
             memory={
                 angle: angle + period * self.taken_up(rate, wanted, command),
@@ -60,8 +60,8 @@ class ImplicitSlidingMode(SlidingSurface):
             outputs={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
         )
         return self.started(
-            update, signal, {before: reference, angle: self.angle_at(signal, self.reaching * period * self.lacking(signal))}
+            update, signal, {before: reference, angle: self.angle_at(signal, self.reaching_rate * period * self.lacking(signal))}
         )
 
     def _cut(self, acceleration):
-        return ca.fmin(ca.fmax(acceleration, -self.reaching), self.reaching)
+        return ca.fmin(ca.fmax(acceleration, -self.reaching_rate), self.reaching_rate)

@@ -51,18 +51,18 @@ class Lifting(Controller):
 
     With `speed_limit_factor` the torque of the law inside is lowered, down to none, while the top turns faster than `speed_limit_factor` times what is
     asked and faster than L, as drives limit their speed: a law that follows a bit which is let go throws the top to more than twice what is asked.
-    `first_factor` must be below `speed_limit_factor` for that, and a slower `rise` helps. The price: the string swings for longer, and weak laws are
+    `first_factor` must be below `speed_limit_factor` for that, and a slower `raise_rate` helps. The price: the string swings for longer, and weak laws are
     lifted higher in the end. Smooth running knows nothing of it. A bit that is let go turns as fast at a low set-point as at a high one, and a top that
     may not follow does not calm it: `min_speed_limit` is a speed that is always allowed.
 
-    With `relief` the law takes weight off as well, as an auto-driller can: while the set-point is lifted the weight goes down by that share at the rate
-    `unload_rate`, and then comes back at `reload_rate`. A smaller, slower lift is then enough, such as `first_factor=1.3, factor_step=0.25, rise=0.2,
-    relief=0.4`; the price is less weight for two minutes. The law then drives `bit.weight`, and reads the weight that is asked from `weight.reference`, of
-    which `weight` is the default.
+    With `weight_relief` the law takes weight off as well, as an auto-driller can: while the set-point is lifted the weight goes down by that share at the
+    rate `unload_rate`, and then comes back at `reload_rate`. A smaller, slower lift is then enough, such as `first_factor=1.3, factor_step=0.25,
+    raise_rate=0.2, weight_relief=0.4`; the price is less weight for two minutes. The law then drives `bit.weight`, and reads the weight that is asked from
+    `weight.reference`, of which `weight` is the default.
 
     `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded
     are `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the size of the set-point at which it did, else 0), `lifting.held` (how
-    far above the set-point the bit calmed last), and with `relief` `lifting.relief` (the share that is off). Sampled only. Around a law that is designed as
+    far above the set-point the bit calmed last), and with `weight_relief` `lifting.relief` (the share off). Sampled only. Around a law that is designed as
     a callable, such as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the rotary speed
     against stick-slip; the rule is a choice of this file.
 
@@ -82,14 +82,14 @@ class Lifting(Controller):
     first_factor: Quantity = quantity(2.0, "1", "first lifted set-point in parts of what is asked", above=1)
     factor_step: Quantity = quantity(0.5, "1", "what is added to a lift that does not help, in parts of what is asked", above=0)
     max_factor: Quantity = quantity(4.0, "1", "highest one", above=1)
-    rise: Quantity = quantity(0.5, "rad/s2", "rate at which the set-point is lifted", above=0)
-    fall: Quantity = quantity(0.3, "rad/s2", "rate at which it is lowered", above=0)
+    raise_rate: Quantity = quantity(0.5, "rad/s2", "rate at which the set-point is lifted", above=0)
+    lower_rate: Quantity = quantity(0.3, "rad/s2", "rate at which it is lowered", above=0)
     max_attempts: Quantity = quantity(2.0, "1", "relapses until it gives up", at_least=0)
     speed_limit_factor: OptionalQuantity = quantity(
         None, "1", "top speed from which on the torque is lowered, in parts of what is asked; none unless given", above=1
     )
     min_speed_limit: Quantity = quantity(0.0, "rad/s", "top speed up to which no limit lowers it, whatever is asked", at_least=0)
-    relief: OptionalQuantity = quantity(None, "1", "share of the weight that is taken off; none unless given", above=0, at_most=1)
+    weight_relief: OptionalQuantity = quantity(None, "1", "share of the weight that is taken off; none unless given", above=0, at_most=1)
     unload_rate: Quantity = quantity(0.05, "1/s", "rate at which weight is taken off, in parts of it", above=0)
     reload_rate: Quantity = quantity(0.01, "1/s", "rate at which it comes back", above=0)
     weight: OptionalQuantity = quantity(None, "N", "weight that is asked, default of `weight.reference`; filled in by design", at_least=0)
@@ -107,7 +107,7 @@ class Lifting(Controller):
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """The outputs of the inner controller, and the weight if some of the weight is taken off."""
-        return self.law.actuated_signals if self.relief is None else (*self.law.actuated_signals, "bit.weight")
+        return self.law.actuated_signals if self.weight_relief is None else (*self.law.actuated_signals, "bit.weight")
 
     def design(self, plant: HybridSystem) -> Controller:
         """Return the controller with inner controller and observer designed on the plant, and with the period and impedance of its string if
@@ -117,7 +117,7 @@ class Lifting(Controller):
             string = lumped_string(plant, "Lifting", "`string_period` and `string_impedance`")
             filled = {"string_period": 2.0 * math.pi / string.frequency, "string_impedance": string.impedance}
             filled = {name: value for name, value in filled.items() if getattr(self, name) is None}
-        if self.relief is not None and self.weight is None:
+        if self.weight_relief is not None and self.weight is None:
             filled["weight"] = declared_load(plant, "bit.weight")
         return dataclasses.replace(self, law=self.law.design(plant), observer=self.observer.design(plant), **filled)
 
@@ -152,7 +152,7 @@ class Lifting(Controller):
         watches = (watch > period) * ((gave_up <= nothing) + quiet)
         evidence = (dip + stop > 0.5) * (left > 0.0) * (1.0 - quiet)
         up, most = level > nothing, (self.max_factor - 1.0) * size
-        taken = 0.0 if self.relief is None else state("lifting.relief", "1")
+        taken = 0.0 if self.weight_relief is None else state("lifting.relief", "1")
         there = ca.fabs(wanted - asked) <= CHANGED * ca.fabs(wanted)  # what happens on the way to another set-point says nothing of it
         relapse = evidence * (1.0 - up) * watches * there
         back = (extra <= nothing) * (taken <= 0.0)  # all is as it is asked: no slower way there would have helped
@@ -165,13 +165,13 @@ class Lifting(Controller):
         calms = up * (calm <= 0.0) * (1.0 - evidence)
         aim = ca.if_else(lifts_now, ca.fmin(higher_by, most), ca.if_else(ends + calms, 0.0, ca.if_else(up, level, 0.0)))
         rises = aim > extra
-        slower = self.fall / (1.0 + 0.5 * relapses * relapses)
-        moved = ca.if_else(rises, ca.fmin(extra + self.rise * period, aim), ca.fmax(extra - slower * period, aim))
+        slower = self.lower_rate / (1.0 + 0.5 * relapses * relapses)
+        moved = ca.if_else(rises, ca.fmin(extra + self.raise_rate * period, aim), ca.fmax(extra - slower * period, aim))
         busy = (extra > nothing) + (aim > nothing)
         stands = (ca.fmin(bit, turn * speed) < SLOW * lifted) * (turn * wanted > nothing) * there
         memory = {
             x: self.observer.moved(x, torque, period, speed),
-            asked: asked + turn * ca.fmin(ca.fmax(turn * (wanted - asked), -self.fall * period), self.rise * period),
+            asked: asked + turn * ca.fmin(ca.fmax(turn * (wanted - asked), -self.lower_rate * period), self.raise_rate * period),
             mean: mean + share * (swing - mean),
             square: square + share * (swing * swing - square),
             armed: ca.if_else(bit > FAST * lifted, 1.0, ca.if_else(armed > 0.5, 1.0 - dip, armed - share)),
@@ -195,10 +195,12 @@ class Lifting(Controller):
             over = ca.fmax(turn * speed - bar, 0.0)
             kept = ca.fmax(turn * drive - BRAKE * self.string_impedance * over, ca.fmin(turn * drive, 0.0))
             outputs["top.torque"] = (turn * kept, unit)
-        if self.relief is not None:
+        if self.weight_relief is not None:
             full = signal("weight.reference", "N", default=self.weight)
             memory[taken] = ca.if_else(
-                aim > nothing, ca.fmin(taken + self.unload_rate * period, self.relief), ca.fmax(taken - self.reload_rate * period, 0.0)
+                aim > nothing,
+                ca.fmin(taken + self.unload_rate * period, self.weight_relief),
+                ca.fmax(taken - self.reload_rate * period, 0.0),
             )
             outputs["bit.weight"] = (full * (1.0 - taken), "N")
         update = Update({**inside.memory, **memory}, outputs)

@@ -20,7 +20,8 @@ from toolbox.authoring import Declared, zero_order_hold
 class LinearMPC(Predictive):
     """`Predictive` on x_(k+1) = A x_k + B u_k - E T, the slope of the rock at `reference` in A and its torque beyond that, T, constant over the plan.
 
-        min sum_(k=1)^(N-1) e_k' Q e_k + sum_(k=0)^(N-1) ((u_k - u_s) / torque_size)^2 + ((u_k - u_(k-1)) / move_size)^2 + (e_N, u_(N-1) - u_s)' P (...)
+        min sum_(k=1)^(N-1) e_k' Q e_k + sum_(k=0)^(N-1) ((u_k - u_s) / torque_scale)^2 + ((u_k - u_(k-1)) / torque_step_scale)^2
+            + (e_N, u_(N-1) - u_s)' P (...)
 
     e = x - x_s, and (x_s, u_s) the steady state that turns at `reference` under the estimated T: hence no offset under a constant torque. Without active
     limits it is the regulator of the Riccati equation. States are eliminated: the program has `horizon` unknowns and keeps its matrices. The slope of the
@@ -39,12 +40,12 @@ class LinearMPC(Predictive):
 
 
 class PlannedLinear(PredictiveLaw):
-    """A designed `LinearMPC`: the unknowns are the torques in units of `torque_size`, then the excess of speed and of twist."""
+    """A designed `LinearMPC`: the unknowns are the torques in units of `torque_scale`, then the excess of speed and of twist."""
 
     def __init__(self, law: LinearMPC, plant: HybridSystem):
         model, _, _, A = drilling_point(plant, law.reference)
         super().__init__(law, plant, model, A)
-        n, N, unit = A.shape[0], law.horizon, law.torque_size
+        n, N, unit = A.shape[0], law.horizon, law.torque_scale
         step, drive = zero_order_hold(A, np.column_stack([model.B, -model.E]), law.period)
         P, self.gain, Q = riccati(step, drive[:, 0], law, model)
         # states of the plan as  x_k = free_k x_0 + forced_k U - loaded_k T
@@ -58,7 +59,7 @@ class PlannedLinear(PredictiveLaw):
             [np.append(*steady(A, model, *on)) for on in ((1.0, 0.0), (0.0, 1.0))]
         ).T  # (x_s, u_s) per reference and per T
         rows = _limits(law, model)
-        slacks = len(rows) if law.soft else 0
+        slacks = len(rows) if law.soft_limits else 0
         H, width = np.zeros((N + slacks, N + slacks)), N + slacks
         moves = np.eye(N) - np.eye(N, k=-1)
         # what the program is given: theta = (x_0, last torque, T, reference)
@@ -74,10 +75,10 @@ class PlannedLinear(PredictiveLaw):
         for k in range(N - 1):
             H[:N, :N] += forced[k].T @ Q @ forced[k]
             G[:N] += forced[k].T @ Q @ deviation(k)
-        H[:N, :N] += np.eye(N) + (unit / law.move_size) ** 2 * moves.T @ moves
+        H[:N, :N] += np.eye(N) + (unit / law.torque_step_scale) ** 2 * moves.T @ moves
         G[:N, load] -= self.target[n, 1] / unit
         G[:N, wish] -= self.target[n, 0] / unit
-        G[0, last] -= unit / law.move_size**2
+        G[0, last] -= unit / law.torque_step_scale**2
         # behind the horizon: (x_N - x_s, u_(N-1) - u_s)
         final = np.vstack([forced[-1], unit * np.eye(N)[-1]])
         off = np.vstack([deviation(N - 1), np.zeros((1, n + 3))])
@@ -100,21 +101,21 @@ class PlannedLinear(PredictiveLaw):
             known.append(offset)
             low, high = np.append(low, np.full(N, -self.rate / unit)), np.append(high, np.full(N, self.rate / unit))
         for i, (row, lowest, highest, size) in enumerate(rows):
-            for side in (1, -1) if np.isfinite(lowest) and law.soft else (1,):
+            for side in (1, -1) if np.isfinite(lowest) and law.soft_limits else (1,):
                 piece, offset = np.zeros((N, width)), np.zeros((N, n + 3))
                 for k in range(N):
                     piece[k, :N] = row @ forced[k] / size
                     offset[k, start], offset[k, load] = row @ free[k] / size, row @ loaded[k] / size
-                if law.soft:
+                if law.soft_limits:
                     piece[:, N + i] = -side
                 pieces.append(piece)
                 known.append(offset)
-                lower = lowest / size if not law.soft or side < 0 else -np.inf
+                lower = lowest / size if not law.soft_limits or side < 0 else -np.inf
                 upper = highest / size if side > 0 else np.inf
                 low, high = np.append(low, np.full(N, lower)), np.append(high, np.full(N, upper))
         # unknowns w = R z with H = R' R: a program whose Hessian is 1 needs no factor from its solver, sample after sample
         self.back = np.linalg.inv(np.linalg.cholesky(H).T)
-        self.program = QuadraticProgram(np.eye(width), np.vstack([np.eye(width), *pieces]) @ self.back, law.solver, warm=law.warm)
+        self.program = QuadraticProgram(np.eye(width), np.vstack([np.eye(width), *pieces]) @ self.back, law.solver, warm=law.warm_start)
         # what theta adds to the gradient and takes from the bounds, in one product
         self.given = np.vstack([self.back.T @ G, np.zeros((width, n + 3)), *known])
         self.constant = np.append(self.back.T @ linear, np.zeros(low.size))
@@ -145,14 +146,14 @@ class PlannedLinear(PredictiveLaw):
         answer = self.program.solve(moved[:width], *self.vectors)
         self.record.answer = answer
         self.record.programs += 1
-        return (float(self.back[0] @ answer.z) * self.law.torque_size, "") if answer.sound else (None, answer.reason)
+        return (float(self.back[0] @ answer.z) * self.law.torque_scale, "") if answer.sound else (None, answer.reason)
 
 
 def _limits(law: Predictive, model: StringModel) -> list[tuple[np.ndarray, float, float, float]]:
     """(row of x, lowest, highest, size) of the limits of top speed and twist that are given."""
     rows = []
     if law.highest_speed is not None:
-        rows.append((model.top, -np.inf, law.highest_speed, law.top_size))
+        rows.append((model.top, -np.inf, law.highest_speed, law.top_speed_scale))
     if law.highest_twist is not None:
         rows.append((twist_row(model), -law.highest_twist, law.highest_twist, 1.0))
     return rows

@@ -112,7 +112,7 @@ def _steps(law: Any, name: str) -> tuple[ca.Function, ca.Function]:
 
     error = reference - speed
     begun = ca.if_else(acting > 0.5, offset, last - law.drive.proportional * error) + law.drive.integral * numbers.period * error
-    wanted = ca.if_else(trusted, ca.DM(law.back[:1]) @ w * numbers.torque_size, begun + law.drive.proportional * error)
+    wanted = ca.if_else(trusted, ca.DM(law.back[:1]) @ w * numbers.torque_scale, begun + law.drive.proportional * error)
     if np.isfinite(law.rate):
         wanted = ca.fmin(ca.fmax(wanted, last - law.rate), last + law.rate)
     command = ca.fmin(ca.fmax(wanted, max(law.lowest, -FAR)), min(law.highest, FAR))

@@ -42,8 +42,9 @@ class LQG(LQR):
     def design(self, plant):
         """The regulator and the filter for the plant."""
         regulator = LQR(
-            reference=self.reference, top_size=self.top_size, bit_size=self.bit_size, angle_size=self.angle_size, torque_size=self.torque_size,
-            tracking=self.tracking, states=self.states, units=self.units, gain=self.gain, point=self.point, slope=self.slope, name=self.name, **self.limits,
+            reference=self.reference, top_speed_scale=self.top_speed_scale, bit_speed_scale=self.bit_speed_scale, angle_scale=self.angle_scale,
+            torque_scale=self.torque_scale, tracking_time=self.tracking_time, states=self.states, units=self.units, gain=self.gain,
+            operating_point=self.operating_point, operating_point_slope=self.operating_point_slope, name=self.name, **self.limits,
         )  # fmt: skip
         observer = Kalman(
             speed_noise=self.speed_noise,

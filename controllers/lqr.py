@@ -20,11 +20,11 @@ class LQR(TorqueLimits):
     """State feedback that minimises the integral of quadratic deviations, with an integral of the top speed's error.
 
         u = u_0 - K (x - x_0) - K_i z,   z' = w_top - reference,   minimising
-        int (w_top - ref)^2 / top_size^2 + (w_bit - ref)^2 / bit_size^2 + z^2 / angle_size^2 + (u - u_0)^2 / torque_size^2 dt
+        int (w_top - ref)^2 / top_speed_scale^2 + (w_bit - ref)^2 / bit_speed_scale^2 + z^2 / angle_scale^2 + (u - u_0)^2 / torque_scale^2 dt
 
     The sizes are Bryson's: the deviation that counts as much as any other (A. E. Bryson, Y.-C. Ho, Applied Optimal Control, 1975). `design` linearises the
     plant with the bit sliding at `reference`, takes x_0 and u_0 from there and K from the Riccati equation (scipy). x_0 and u_0 follow a set-point that moves
-    (`slope`, per rad/s). Where torque limits are known, z is led back by (wanted - command) / (K_i tracking), sampled within
+    (`operating_point_slope`, per rad/s). Where torque limits are known, z is led back by (wanted - command) / (K_i tracking), sampled within
     one period at least. Sampled, z begins where the law gives the torque that acts (`controllers.bumpless`).
 
     The law measures all states of the string. Range: near that operating point. K holds the twist of that point, too, so that a stuck bit is wound up and freed
@@ -46,16 +46,16 @@ class LQR(TorqueLimits):
         return ("top.speed", *(self.states or ("bit.speed",)))
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
-    top_size: Quantity = quantity(2.0, "rad/s", "deviation of the top speed that counts", above=0)
-    bit_size: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
-    angle_size: Quantity = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
-    torque_size: Quantity = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
-    tracking: Quantity = quantity(5.0, "s", "time in which the integral follows a command that is cut", above=0)
+    top_speed_scale: Quantity = quantity(2.0, "rad/s", "deviation of the top speed that counts", above=0)
+    bit_speed_scale: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
+    angle_scale: Quantity = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
+    torque_scale: Quantity = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
+    tracking_time: Quantity = quantity(5.0, "s", "time in which the integral follows a command that is cut", above=0)
     states: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     gain: OptionalQuantities = quantity(None, "1", "K, then K_i; filled in by design")
-    point: OptionalQuantities = quantity(None, "1", "x_0, then u_0; filled in by design")
-    slope: OptionalQuantities = quantity(None, "1", "change of x_0 and u_0 per rad/s of set-point; filled in by design")
+    operating_point: OptionalQuantities = quantity(None, "1", "x_0, then u_0; filled in by design")
+    operating_point_slope: OptionalQuantities = quantity(None, "1", "change of x_0 and u_0 per rad/s of set-point; filled in by design")
 
     def design(self, plant):
         """Return the controller with gain and operating point of the plant, if they are not given."""
@@ -67,10 +67,10 @@ class LQR(TorqueLimits):
         n = x.size
         F, G = _with_integral(A, model.top), np.append(model.B, 0.0)[:, None]
         Q = np.zeros((n + 1, n + 1))
-        Q[:n, :n] = np.outer(model.top, model.top) / self.top_size**2 + np.outer(model.bit, model.bit) / self.bit_size**2
-        Q[n, n] = 1 / self.angle_size**2
-        P = solve_continuous_are(F, G, Q, np.array([[1 / self.torque_size**2]]))
-        gain = self.torque_size**2 * (G.T @ P).ravel()
+        Q[:n, :n] = np.outer(model.top, model.top) / self.top_speed_scale**2 + np.outer(model.bit, model.bit) / self.bit_speed_scale**2
+        Q[n, n] = 1 / self.angle_scale**2
+        P = solve_continuous_are(F, G, Q, np.array([[1 / self.torque_scale**2]]))
+        gain = self.torque_scale**2 * (G.T @ P).ravel()
         poles = np.linalg.eigvals(F - G @ gain[None, :])
         if not poles.real.max() < -1e-12 * np.abs(poles).max():
             raise SceneError(
@@ -80,17 +80,25 @@ class LQR(TorqueLimits):
             np.vstack([np.column_stack([A, model.B]), np.append(model.top, 0.0)]), np.append(np.zeros(n), 1.0), rcond=1e-13
         )[0]
         return replace(
-            self, states=model.states, units=model.units, gain=tuple(gain.tolist()), point=(*x.tolist(), u), slope=tuple(tangent.tolist())
+            self,
+            states=model.states,
+            units=model.units,
+            gain=tuple(gain.tolist()),
+            operating_point=(*x.tolist(), u),
+            operating_point_slope=tuple(tangent.tolist()),
         )
 
     def _feedback(self, signal, angle) -> tuple[Any, Any]:
         """Torque wanted and deviation of the top speed."""
-        if self.gain is None or self.point is None or self.slope is None:
+        if self.gain is None or self.operating_point is None or self.operating_point_slope is None:
             raise SceneError(
-                "LQR needs the plant it acts on: call `design(plant)`, or give `gain`, `point`, `slope`, `states` and `units`."
+                "LQR needs the plant it acts on: call `design(plant)`, or give `gain`, `operating_point`, `operating_point_slope`, `states` and `units`."
             )
         reference = signal("top.reference", "rad/s", default=self.reference)
-        target = [value + slope * (reference - self.reference) for value, slope in zip(self.point, self.slope, strict=True)]
+        target = [
+            value + slope * (reference - self.reference)
+            for value, slope in zip(self.operating_point, self.operating_point_slope, strict=True)
+        ]
         x = [signal(name, unit) for name, unit in zip(self.states, self.units, strict=True)]
         wanted = target[-1] - self.gain[-1] * angle
         for gain, here, there in zip(self.gain, x, target[:-1], strict=False):
@@ -113,7 +121,7 @@ class LQR(TorqueLimits):
     def _rate(self, error, wanted, command, period=None):
         if command is wanted:
             return error
-        tracking = self.tracking if period is None else ca.fmax(self.tracking, period)
+        tracking = self.tracking_time if period is None else ca.fmax(self.tracking_time, period)
         return error + (wanted - command) / (self.gain[-1] * tracking)
 
 

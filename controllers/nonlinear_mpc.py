@@ -34,37 +34,37 @@ class NonlinearMPC(Predictive):
     1 it is improved until it settles (SQP). A step is taken only as far as it lowers the cost of its own rollout, so that no program can make a plan worse.
 
     `width` is None for exact modes (mode-scheduled prediction), else the width [rad/s] of regularised friction, with the peak of the set-valued law unless
-    `matched` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.
+    `match_static_peak` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.
 
-    While the bit is at rest (estimated below `rest_speed`), only the top speed is weighed until the predicted release, so that the string is wound up. A
-    turning bit is kept above `slowest` times the set-point, and a prediction in which it sticks again costs `violation_cost` for each sample.
+    While the bit is at rest (estimated below `standstill_speed`), only the top speed is weighed until the predicted release, so that the string is wound up. A
+    turning bit is kept above `min_bit_speed_factor` times the set-point, and a prediction in which it sticks again costs `violation_cost` for each sample.
 
-    `adapt` tells whether the strength of the rock, a factor on its torque between 0.5 and 2, is estimated. Once the bit has turned for three samples,
-    `RockFilter` estimates it with the states (it may wander by `strength_process_noise` in a second); before that it follows from the torque that the
-    linear filter sees, in the time `strength_time`; at rest from the torque that the rock has held, `margin` more than that.
+    `adapt_rock_strength` tells whether the strength of the rock, a factor on its torque between 0.5 and 2, is estimated. Once the bit has turned for three
+    samples, `RockFilter` estimates it with the states (it may wander by `strength_process_noise` in a second); before that it follows from the torque that
+    the linear filter sees, in the time `rock_strength_time`; at rest from the torque that the rock has held, `holding_torque_margin` more than that.
 
     Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks. Source of the iteration: M. Diehl, H. G. Bock, J. P.
     Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
     """
 
     drive_process_noise: Quantity = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
-    drive_error: Quantity = quantity(0.2, "1", "error of the drive's inertia or torque, as a part of it", at_least=0)
+    drive_torque_error: Quantity = quantity(0.2, "1", "error of the drive's inertia or torque, as a part of it", at_least=0)
     width: OptionalQuantity = quantity(None, "rad/s", "width of regularised friction", above=0)
-    matched: bool = True
-    adapt: bool = True
+    match_static_peak: bool = True
+    adapt_rock_strength: bool = True
     iterations: int = 1
     steps: int = 4
-    rest_speed: Quantity = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
-    strength_time: Quantity = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
+    standstill_speed: Quantity = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
+    rock_strength_time: Quantity = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
     strength_process_noise: Quantity = quantity(0.005, "s^-1/2", "wandering of the strength of the rock in a second", above=0)
-    slowest: Quantity = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
-    margin: Quantity = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
+    min_bit_speed_factor: Quantity = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
+    holding_torque_margin: Quantity = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
 
     def check(self):
         super().check()
         for name in ("iterations", "steps"):
             whole(name, getattr(self, name), 1)
-        if not self.soft:
+        if not self.soft_limits:
             raise SceneError("Argument `soft` must be True for a nonlinear law: its limits of speed and twist give way where they must.")
 
     def design(self, plant: HybridSystem) -> PlannedNonlinear:
@@ -89,7 +89,7 @@ class PlannedNonlinear(PredictiveLaw):
         n, N = A.shape[0], law.horizon
         step, drive = zero_order_hold(A, model.B[:, None], law.period)
         P, gain, _ = riccati(step, drive[:, 0], law, model)
-        self.Q_rows = np.array([model.top / law.top_size, model.bit / law.bit_size])
+        self.Q_rows = np.array([model.top / law.top_speed_scale, model.bit / law.bit_speed_scale])
         values, vectors = np.linalg.eigh(P)
         self.P_rows = np.ascontiguousarray((vectors * np.sqrt(np.maximum(values, 0.0))).T)
         self.speeds, self.torques_of_rock = rock_table(plant)
@@ -102,23 +102,27 @@ class PlannedNonlinear(PredictiveLaw):
             steepest = 1.3 * self.torques_of_rock[0] / law.width * float(model.E @ model.bit)
             steps = max(steps, int(np.ceil(law.period * steepest / 2.0)))
         self.rollout = Rollout(
-            plant, ("top.torque",), law.period, steps, None if law.width is None else regularised(law.width, law.matched)
+            plant, ("top.torque",), law.period, steps, None if law.width is None else regularised(law.width, law.match_static_peak)
         )
         self.contact = [element.name for element in plant.elements].index("bit")
-        if law.adapt:
+        if law.adapt_rock_strength:
             sensors = sensor_rows(plant, law.sensors)
             self.filter = RockFilter(
-                FilterModel(string_model(plant).A, model.B, model.E, sensors, law.period, law.delay, law.noise,
+                FilterModel(string_model(plant).A, model.B, model.E, sensors, law.period, law.delay, law.sensor_noise,
                             law.torque_process_noise, law.drive_process_noise),
-                drive_error=law.drive_error, strength_process_noise=law.strength_process_noise, rollout=self.rollout,
-                contact=self.contact, bit=model.bit, rock=self._rock_at, turning=2.0 * law.rest_speed, lasting=3,
+                drive_torque_error=law.drive_torque_error, strength_process_noise=law.strength_process_noise, rollout=self.rollout,
+                contact=self.contact, bit=model.bit, rock=self._rock_at, turning=2.0 * law.standstill_speed, lasting=3,
             )  # fmt: skip
-        limits = [(model.bit / law.bit_size, law.slowest * law.reference / law.bit_size, np.inf)]
-        limits += [(model.top / law.top_size, -np.inf, law.highest_speed / law.top_size)] if law.highest_speed is not None else []
+        limits = [(model.bit / law.bit_speed_scale, law.min_bit_speed_factor * law.reference / law.bit_speed_scale, np.inf)]
+        limits += (
+            [(model.top / law.top_speed_scale, -np.inf, law.highest_speed / law.top_speed_scale)] if law.highest_speed is not None else []
+        )
         limits += [(twist_row(model), -law.highest_twist, law.highest_twist)] if law.highest_twist is not None else []
         count = len(limits)
         rows, (low, high) = np.array([row for row, _, _ in limits]), np.array([bounds for _, *bounds in limits]).T.copy()
-        numbers = np.array([0.0, 0.0, law.torque_size, law.move_size, law.violation_cost, self.lowest, self.highest, self.rate, np.inf])
+        numbers = np.array(
+            [0.0, 0.0, law.torque_scale, law.torque_step_scale, law.violation_cost, self.lowest, self.highest, self.rate, np.inf]
+        )
         self.weights = condensing.Weights(
             numbers,
             np.zeros(n),
@@ -141,7 +145,7 @@ class PlannedNonlinear(PredictiveLaw):
         g, low, high = np.zeros(width), np.full(width + many, -np.inf), np.full(width + many, np.inf)
         g[N:], low[N:width] = law.violation_cost, 0.0
         self.filled = condensing.Program(H, g, sides, low, high, np.empty((n, N)), np.empty((n, N)), np.empty(N))
-        self.program = QuadraticProgram(np.eye(width), sides, law.solver, warm=law.warm)
+        self.program = QuadraticProgram(np.eye(width), sides, law.solver, warm=law.warm_start)
         self._clear()
         for speed in (0.0, *3 * (law.reference,)):  # loads what is compiled; a bit turns after three samples
             self.plan(speed * np.append(model.bit, 0.0))
@@ -161,9 +165,9 @@ class PlannedNonlinear(PredictiveLaw):
         if isinstance(self.filter, RockFilter):
             self.filter.mean = torque
         speed, load = float(self.filter.z[self.place]), float(self.filter.z[-1])
-        if speed > self.settings.rest_speed:
+        if speed > self.settings.standstill_speed:
             self.turning, self.resting = 3, False
-            if self.settings.adapt:
+            if self.settings.adapt_rock_strength:
                 self.strength = float(np.clip(load / self._rock_torque(speed), 0.5, 2.0))
                 self.rollout.scale[self.contact] = self.strength
 
@@ -171,18 +175,18 @@ class PlannedNonlinear(PredictiveLaw):
         from controllers.condensing import LAST, STEADY, Drive, condense, regulated, wound_up
         from toolbox.authoring import advance_rollout
 
-        law, N, unit = self.settings, self.law.horizon, self.law.torque_size
+        law, N, unit = self.settings, self.law.horizon, self.law.torque_scale
         x, load = z[:-1].copy(), float(z[-1])
-        self.turning = min(self.turning + 1, 3) if abs(x[self.place]) >= law.rest_speed else 0
+        self.turning = min(self.turning + 1, 3) if abs(x[self.place]) >= law.standstill_speed else 0
         # an estimate passes noise: one large value is no release
         self.resting = resting = self.turning < (1 if "bit.speed" in law.sensors else 3)
-        if law.adapt:
+        if law.adapt_rock_strength:
             self._learn(x[self.place], load, resting)
         if resting and law.width is None:
             x[self.place] = 0.0
         wish = self.target @ (self.reference, self.strength * self._rock_torque(self.reference))
         weights, filled, roll = self.weights, self.filled, self.rollout
-        weights.lowest[0] = law.slowest * self.reference / law.bit_size
+        weights.lowest[0] = law.min_bit_speed_factor * self.reference / law.bit_speed_scale
         weights.x_s[:], weights.numbers[STEADY], weights.numbers[LAST] = wish[:-1], wish[-1], self.last
         plan, value = self._valued(roll.motion(x, np.append(self.torques[1:], self.torques[-1:], axis=0)))
         if not self.started:
@@ -245,11 +249,11 @@ class PlannedNonlinear(PredictiveLaw):
         The limit of the bit holds from the first stage at which it is fast enough, where a bit turns now.
         """
         law, X, free, first = self.settings, motion.X, self.weights.free, self.weights.first
-        fast = X[1:, self.place] >= law.slowest * self.reference
-        first[0] = X.shape[0] - 1 if self.resting or not law.matched or not fast.any() else np.argmax(fast)
+        fast = X[1:, self.place] >= law.min_bit_speed_factor * self.reference
+        first[0] = X.shape[0] - 1 if self.resting or not law.match_static_peak or not fast.any() else np.argmax(fast)
         free[:] = 1
-        if law.matched:
-            turns = motion.M[1:, self.contact] != 0.0 if law.width is None else np.abs(X[1:, self.place]) > law.rest_speed
+        if law.match_static_peak:
+            turns = motion.M[1:, self.contact] != 0.0 if law.width is None else np.abs(X[1:, self.place]) > law.standstill_speed
             if self.resting:
                 free[:] = 0
                 free[np.cumsum(turns) > 0] = -1
@@ -271,9 +275,9 @@ class PlannedNonlinear(PredictiveLaw):
         if isinstance(self.filter, RockFilter) and self.filter.sliding:
             self.strength = self.filter.strength
         elif resting:
-            self.strength = max(self.strength, (1.0 + law.margin) * abs(load) / self.torques_of_rock[0])
-        elif abs(speed) > 2.0 * law.rest_speed:
+            self.strength = max(self.strength, (1.0 + law.holding_torque_margin) * abs(load) / self.torques_of_rock[0])
+        elif abs(speed) > 2.0 * law.standstill_speed:
             seen = np.sign(speed) * load / self._rock_torque(speed)
-            self.strength += (seen - self.strength) * min(1.0, law.period / law.strength_time)
+            self.strength += (seen - self.strength) * min(1.0, law.period / law.rock_strength_time)
         self.strength = float(np.clip(self.strength, 0.5, 2.0))
         self.rollout.scale[self.contact] = self.strength

@@ -28,7 +28,7 @@ class OnEstimates(Observed):
         if not isinstance(self.observer, StringObserver):
             return super().sampled(signal, period)
         update = Observed(self.law, Ahead(self.observer, self.delay_samples)).sampled(signal, period)
-        if self.observer.begins is None:
+        if self.observer.initial_state_map is None:
             return update
         torque = acting(signal)
         starts = {memory: torque for memory in update.memory if memory.label.startswith("waiting")}

@@ -28,8 +28,8 @@ class Predictive(TorqueLimits):
 
     It minimises, over the plan, squares of deviations in units of their sizes (Bryson): top speed and bit speed from `reference`, torque from the steady
     torque, torque from one sample to the next; with the Riccati solution as cost of what comes after the horizon. Limits of torque and of its rate
-    are kept exactly. Limits of speed and twist hold for the predicted string and, with `soft`, give way where they must, at a cost per unit that
-    no other gain can outweigh (`violation_cost`); without `soft` they may leave no answer.
+    are kept exactly. Limits of speed and twist hold for the predicted string and, with `soft_limits`, give way where they must, at a cost per unit that
+    no other gain can outweigh (`violation_cost`); without `soft_limits` they may leave no answer.
 
     measures: `sensors`, with their noise; from these a stationary Kalman filter estimates the states and the torque of the rock, so that a
     constant torque that the model does not know leaves no error. The field `reference` is the point of the design and the default of the signal
@@ -38,34 +38,36 @@ class Predictive(TorqueLimits):
 
     drive_process_noise stands for what the law does not know of its drive: with an inertia 20 % off, commands that move by some kN m accelerate the top by
     a few hundred N m more or less than the filter expects, for a second or so. A filter that trusts the drive (50 N m s^1/2) reads this as motion of
-    the bit, and the motor swings between its limits with the bit parked. `move_size` keeps the plan slower than that filter.
+    the bit, and the motor swings between its limits with the bit parked. `torque_step_scale` keeps the plan slower than that filter.
 
-    Every answer of the solver must pass the KKT conditions. Where none does, or where `controllers.watchdog` finds that the string stands or that the motor
-    swings between its limits for longer than `patience`, an impedance drive acts, from the torque that was. `run.laws[0].record` tells when and why, and how
-    long each sample took. Sampled only, at `period`.
+    Every answer of the solver must pass the KKT conditions. Where none does, or where `controllers.watchdog` finds that the string stands or that the
+    motor swings between its limits for longer than `fallback_time`, an impedance drive acts, from the torque that was. `run.laws[0].record` tells when and
+    why, and how long each sample took. Sampled only, at `period`.
     """
 
     sensors: tuple[str, ...] = ("top.speed",)
-    noise: Quantities = quantity((0.01,), "1", "standard deviations of what the sensors measure, in their units", above=0)
+    sensor_noise: Quantities = quantity((0.01,), "1", "standard deviations of what the sensors measure, in their units", above=0)
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
     period: Quantity = quantity(0.1, "s", "sample time", above=0, typical_range=(1e-4, 5.0))
     delay: Quantity = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     horizon: int = 40
-    top_size: Quantity = quantity(8.0, "rad/s", "deviation of the top speed that counts", above=0)
-    bit_size: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
-    torque_size: Quantity = quantity(20_000.0, "N m", "deviation of the torque that counts", above=0)
-    move_size: Quantity = quantity(20_000.0, "N m", "change of the torque within a period that counts", above=0)
+    top_speed_scale: Quantity = quantity(8.0, "rad/s", "deviation of the top speed that counts", above=0)
+    bit_speed_scale: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
+    torque_scale: Quantity = quantity(20_000.0, "N m", "deviation of the torque that counts", above=0)
+    torque_step_scale: Quantity = quantity(20_000.0, "N m", "change of the torque within a period that counts", above=0)
     highest_speed: OptionalQuantity = quantity(None, "rad/s", "highest top speed", above=0, typical_range=(0.05, 40.0))
     highest_twist: OptionalQuantity = quantity(None, "rad", "highest twist of the string, either way", above=0)
-    soft: bool = True
+    soft_limits: bool = True
     violation_cost: Quantity = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
     torque_process_noise: Quantity = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
     drive_process_noise: Quantity = quantity(
         400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0
     )
-    patience: Quantity = quantity(5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0)
+    fallback_time: Quantity = quantity(
+        5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0
+    )
     solver: str = "daqp"
-    warm: bool = True
+    warm_start: bool = True
 
     actuated_signals: ClassVar[tuple[str, ...]] = ("top.torque",)
 
@@ -77,8 +79,10 @@ class Predictive(TorqueLimits):
     def check(self):
         super().check()
         whole("horizon", self.horizon, 1)
-        if len(self.noise) != len(self.sensors) or not self.sensors:
-            raise SceneError(f"Argument `noise` must have one entry for each of {', '.join(self.sensors)}, but it has {len(self.noise)}.")
+        if len(self.sensor_noise) != len(self.sensors) or not self.sensors:
+            raise SceneError(
+                f"Argument `sensor_noise` must have one entry for each of {', '.join(self.sensors)}, but it has {len(self.sensor_noise)}."
+            )
         if not self.delay / self.period <= MOST_LATE:
             raise SceneError(f"Argument `delay` must be at most {MOST_LATE} periods of {self.period:g} s, but it is {self.delay:g} s.")
         if self.solver not in SOLVERS:
@@ -171,10 +175,12 @@ class PredictiveLaw(Remembering):
         self.model = model
         sensors = sensor_rows(plant, law.sensors)
         self.filter = DisturbanceFilter(
-            FilterModel(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_process_noise, law.drive_process_noise)
+            FilterModel(
+                A, model.B, model.E, sensors, law.period, law.delay, law.sensor_noise, law.torque_process_noise, law.drive_process_noise
+            )
         )
         self.drive = SoftDrive(law, plant)
-        self.watchdog = Watchdog(law.period, law.patience, law.lowest_torque, law.highest_torque)
+        self.watchdog = Watchdog(law.period, law.fallback_time, law.lowest_torque, law.highest_torque)
         self.reference = float(law.reference)
         self.defaults = {"top.torque": (0.0, "N m"), "top.reference": (self.reference, "rad/s")}
         self.steady_string = steady_string(A, model, sensors)
@@ -266,19 +272,19 @@ def riccati(A: np.ndarray, B: np.ndarray, law: Predictive, model: StringModel) -
     n = A.shape[0]
     F = np.block([[A, B[:, None]], [np.zeros((1, n)), np.ones((1, 1))]])
     G = np.append(B, 1.0)[:, None]
-    Q = np.outer(model.top, model.top) / law.top_size**2 + np.outer(model.bit, model.bit) / law.bit_size**2
-    effort = 1.0 / law.torque_size**2
+    Q = np.outer(model.top, model.top) / law.top_speed_scale**2 + np.outer(model.bit, model.bit) / law.bit_speed_scale**2
+    effort = 1.0 / law.torque_scale**2
     cost = np.zeros((n + 1, n + 1))
     cost[:n, :n], cost[n, n] = Q, effort
     cross = np.zeros((n + 1, 1))
     cross[n, 0] = effort
-    own = np.array([[effort + 1.0 / law.move_size**2]])
-    unit = np.append(np.ones(n), law.torque_size)  # torques in their size, for a well-scaled equation
-    F, G = F * unit / unit[:, None], G * law.torque_size / unit[:, None]
-    cost, cross, own = cost * np.outer(unit, unit), cross * unit[:, None] * law.torque_size, own * law.torque_size**2
+    own = np.array([[effort + 1.0 / law.torque_step_scale**2]])
+    unit = np.append(np.ones(n), law.torque_scale)  # torques in their size, for a well-scaled equation
+    F, G = F * unit / unit[:, None], G * law.torque_scale / unit[:, None]
+    cost, cross, own = cost * np.outer(unit, unit), cross * unit[:, None] * law.torque_scale, own * law.torque_scale**2
     P = solve_discrete_are(F, G, cost, own, s=cross)
     K = np.linalg.solve(own + G.T @ P @ G, G.T @ P @ F + cross.T)
-    return P / np.outer(unit, unit), (law.torque_size * K / unit).ravel(), Q
+    return P / np.outer(unit, unit), (law.torque_scale * K / unit).ravel(), Q
 
 
 def steady(A: np.ndarray, model: StringModel, reference: float, torque: float) -> tuple[np.ndarray, float]:

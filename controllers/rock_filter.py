@@ -28,10 +28,10 @@ class RockFilter(DisturbanceFilter):
     down; its states follow the hybrid prediction of the plant. It ends where its bit comes to rest, or where its innovations are larger than it can
     explain (their mean square over about ten samples above `SURPRISE`).
 
-    What is not known of the drive, a part `drive_error` of its inertia or torque, matters only while its torque moves. Both filters take it for white noise
-    of the drive's torque with the intensity
+    What is not known of the drive, a part `drive_torque_error` of its inertia or torque, matters only while its torque moves. Both filters take it for
+    white noise of the drive's torque with the intensity
 
-        drive_process_noise^2 + (drive_error (u - u_mean))^2 `MEMORY`,    u_mean' = (u - u_mean) / `SETTLED`
+        drive_process_noise^2 + (drive_torque_error (u - u_mean))^2 `MEMORY`,    u_mean' = (u - u_mean) / `SETTLED`
 
     so that they are careful while the command swings, and sharp in steady drilling; the gain of the linear filter follows its Riccati equation in time.
 
@@ -44,13 +44,13 @@ class RockFilter(DisturbanceFilter):
     )  # fmt: skip
 
     def __init__(
-        self, model: FilterModel, *, drive_error: float, strength_process_noise: float, rollout: Any, contact: int,
+        self, model: FilterModel, *, drive_torque_error: float, strength_process_noise: float, rollout: Any, contact: int,
         bit: np.ndarray, rock: Callable[[float], tuple[float, float]], turning: float, lasting: int,
     ):  # fmt: skip
         super().__init__(model)
         A, B, E, C, period, drive_process_noise = model.A, model.B, model.E, model.C, model.period, model.drive_process_noise
         n = A.shape[0]
-        self.drive_process_noise, self.drive_error, self.mean = drive_process_noise, drive_error, 0.0
+        self.drive_process_noise, self.drive_torque_error, self.mean = drive_process_noise, drive_torque_error, 0.0
         # what the drive's noise of intensity 1 adds in a period to the linear filter, beside the rest of `walk`
         self.pushed = self._pushed(A, B, E, period)
         self.still = self.walk - drive_process_noise**2 * self.pushed
@@ -167,7 +167,7 @@ class RockFilter(DisturbanceFilter):
         commands = self.waiting[0], (np.append(self.waiting[1:], command))[0]
         super().predict(command)
         self.mean += (command - self.mean) * min(1.0, self.period / SETTLED)
-        unknown = self.drive_process_noise**2 + (self.drive_error * (command - self.mean)) ** 2 * MEMORY
+        unknown = self.drive_process_noise**2 + (self.drive_torque_error * (command - self.mean)) ** 2 * MEMORY
         spread = self.whole @ self.covariance @ self.whole.T + self.still + unknown * self.pushed
         self.spread = 0.5 * (spread + spread.T)
         if not self.sliding:

@@ -47,8 +47,8 @@ class SlidingSurface(TorqueLimits):
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load")
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", typical_range=(0.05, 40.0))
-    surface: Quantity = quantity(0.2, "1/s", "weight lam of the integrals in the surface", at_least=0)
-    reaching: Quantity = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
+    surface_gain: Quantity = quantity(0.2, "1/s", "weight lam of the integrals in the surface", at_least=0)
+    reaching_rate: Quantity = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
     inertia: OptionalQuantity = quantity(None, "kg m2", "inertia J_r of the top drive", above=0, typical_range=(1e-3, math.inf))
     drag: OptionalQuantity = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
     delay_samples: int = 0
@@ -57,7 +57,7 @@ class SlidingSurface(TorqueLimits):
         super().check()
         whole("delay_samples", self.delay_samples, 0, MOST_LATE)
         if self.limits_known:
-            number("surface", self.surface, "1/s", above=0)
+            number("surface_gain", self.surface_gain, "1/s", above=0)
 
     def design(self, plant):
         """The law with inertia and drag of the top drive read from the plant where they are not given."""
@@ -73,8 +73,8 @@ class SlidingSurface(TorqueLimits):
         top, bit, load = signal("top.speed", "rad/s"), signal("bit.speed", "rad/s"), signal("top.load", "N m")
         error = top - signal("top.reference", "rad/s", default=self.reference)
         rate = error + (top - bit)
-        equivalent = self.drag * top + load - self.inertia * self.surface * rate
-        return rate, error + self.surface * angle, equivalent
+        equivalent = self.drag * top + load - self.inertia * self.surface_gain * rate
+        return rate, error + self.surface_gain * angle, equivalent
 
     def ahead(self, signal, period, unknown=0.0):
         """(signal, memory): measurements with the top speed at which a command of this sample arrives, and what makes the memory of a command.
@@ -100,15 +100,15 @@ class SlidingSurface(TorqueLimits):
 
     def angle_at(self, signal, surface):
         """The integral at which s has this value."""
-        return over(surface - self.terms(signal, 0.0)[1], self.surface)
+        return over(surface - self.terms(signal, 0.0)[1], self.surface_gain)
 
     def lacking(self, signal):
         """What the equivalent control has beyond the torque that acts, in parts of J_r eta, cut at 1 either way."""
-        return ca.fmin(ca.fmax((self.terms(signal, 0.0)[2] - acting(signal)) / (self.inertia * self.reaching), -1), 1)
+        return ca.fmin(ca.fmax((self.terms(signal, 0.0)[2] - acting(signal)) / (self.inertia * self.reaching_rate), -1), 1)
 
     def taken_up(self, rate, wanted, command):
         """Rate of the integral with what the drive cannot give."""
-        return rate if command is wanted else rate + (wanted - command) / (self.inertia * self.surface)
+        return rate if command is wanted else rate + (wanted - command) / (self.inertia * self.surface_gain)
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class SlidingMode(SlidingSurface):
       SlidingMode, continuous: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m s/rad, width 0.4775 rpm
     """
 
-    width: Quantity = quantity(0.05, "rad/s", "half-width of the boundary layer", above=0)
+    boundary_layer: Quantity = quantity(0.05, "rad/s", "half-width of the boundary layer", above=0)
 
     def continuous(self, signal):
         angle = state("slidingmode.angle", "rad")
@@ -145,12 +145,12 @@ class SlidingMode(SlidingSurface):
             memory={angle: angle + period * self.taken_up(rate, wanted, command), **sent(command), **memory},
             outputs={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
         )
-        return self.started(update, signal, {angle: self.angle_at(signal, self.width * self.lacking(signal))})
+        return self.started(update, signal, {angle: self.angle_at(signal, self.boundary_layer * self.lacking(signal))})
 
     def _wanted(self, signal, angle):
         rate, s, equivalent = self.terms(signal, angle)
-        saturated = ca.fmin(ca.fmax(s / self.width, -1), 1)
-        return rate, s, equivalent - self.inertia * self.reaching * saturated
+        saturated = ca.fmin(ca.fmax(s / self.boundary_layer, -1), 1)
+        return rate, s, equivalent - self.inertia * self.reaching_rate * saturated
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ class IdealSlidingMode(SlidingSurface):
         rate, s, equivalent = self.terms(signal, angle)
         if self.limits_known:
             raise SceneError("IdealSlidingMode acts without torque limits: leave them out, or use SlidingMode.")
-        relay = Relay("slidingmode", s, self.inertia * self.reaching, surface_unit="rad/s", force_unit="N m")
+        relay = Relay("slidingmode", s, self.inertia * self.reaching_rate, surface_unit="rad/s", force_unit="N m")
         return Equations(
             flow={angle: rate},
             gives={"top.torque": (equivalent + relay.force, "N m"), "slidingmode.surface": (s, "rad/s")},

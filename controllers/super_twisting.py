@@ -96,4 +96,8 @@ class ImpedanceSuperTwisting(SuperTwisting):
         """Rate of the integral term, the surface s, and the equivalent control."""
         top, load = signal("top.speed", "rad/s"), signal("top.load", "N m")
         error = top - signal("top.reference", "rad/s", default=self.reference)
-        return error, error + self.surface * angle + load / self.impedance, self.drag * top + load - self.inertia * self.surface * error
+        return (
+            error,
+            error + self.surface_gain * angle + load / self.impedance,
+            self.drag * top + load - self.inertia * self.surface_gain * error,
+        )

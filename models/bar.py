@@ -20,7 +20,7 @@ class OscillatorOnBar(Component):
             (rho A L / 2) (q_j'' + 2 zeta w_j q_j' + w_j^2 q_j) = -F sin(j pi a / L)
         u(y, t) = sum q_j sin(j pi y / L),     w_j = (j pi / L) sqrt(E / rho)
 
-    with the first `modes` axial modes j of the bar and the contact at a = `contact` L.
+    with the first `modes` axial modes j of the bar and the contact at a = `contact_position` L.
 
     - Needs the signals `oscillator.force` f [N] (default 0).
     - Gives the signals `oscillator.bar_speed` u_t(a) [m/s] and the states `oscillator.position` x, `oscillator.speed` v, `oscillator.amplitude` q [m] and
@@ -52,19 +52,19 @@ class OscillatorOnBar(Component):
     modulus: Quantity = quantity(3e9, "Pa", "modulus E of the bar", above=0, typical_range=(1e5, 1e13))
     density: Quantity = quantity(1200.0, "kg/m3", "density rho of the bar", above=0, typical_range=(10.0, 30_000.0))
     loss: Quantity = quantity(0.02, "1", "damping ratio zeta of every mode", at_least=0)
-    contact: Quantity = quantity(0.4, "1", "place of the contact in parts of the length", above=0, at_most=1)
+    contact_position: Quantity = quantity(0.4, "1", "place of the contact in parts of the length", above=0, at_most=1)
     friction: FrictionLaw = Exponential(static=0.4, kinetic=0.25, decay=10.0)
     modes: int = 3
 
     def check(self):
         whole("oscillator.modes", self.modes, 1)
-        number("oscillator.contact", self.contact, below=1)
+        number("oscillator.contact_position", self.contact_position, below=1)
 
     def equations(self, signal):
         x, v = state("oscillator.position", "m"), state("oscillator.speed", "m/s")
         q, r = state("oscillator.amplitude", "m", self.modes), state("oscillator.rate", "m/s", self.modes)
         wave = ca.vertcat(*range(1, self.modes + 1)) * math.pi
-        shape = ca.sin(wave * self.contact)
+        shape = ca.sin(wave * self.contact_position)
         w = wave / self.length * ca.sqrt(self.modulus / self.density)
         modal_mass = self.density * self.area * self.length / 2
         surface = ca.dot(shape, r)

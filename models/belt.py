@@ -183,7 +183,7 @@ class Absorber(Component):
     """Dynamic vibration absorber on a block: m_a w' = k_a (x - y) + c_a (v - w), and the block feels the same force back.
 
     - Needs the signals `block.position` [m] and `block.speed` [m/s].
-    - Gives the signals `absorber.position` y [m], `absorber.speed` w [m/s] and `block.attachment` [N]; with `on="pad"` the same of the pads of a `DiscBrake`.
+    - Gives the signals `absorber.position` y [m], `absorber.speed` w [m/s] and `block.attachment` [N]; with `attached_to="pad"` those of a `DiscBrake`.
 
     `Absorber.tuned` gives the one that lets a block bear the most falling friction. An oscillator on an elastic foundation with an absorber is that of
     Maegawa and Itoigawa, of whose work only this much is known here: a reconstruction. Defaults: tuned to a block of 1 kg on 1 N/m.
@@ -200,7 +200,7 @@ class Absorber(Component):
     mass: Quantity = quantity(0.1, "kg", "mass of the absorber", above=0)
     stiffness: Quantity = quantity(0.0909091, "N/m", "stiffness to the block", at_least=0)
     damping: Quantity = quantity(0.0287480, "N s/m", "viscous damping to the block", at_least=0)
-    on: str = "block"
+    attached_to: str = "block"
 
     @staticmethod
     def tuned(block: Block | BlockOnBelt, mass_ratio: float) -> Absorber:
@@ -229,12 +229,12 @@ class Absorber(Component):
 
     def equations(self, signal):
         y, w = state("absorber.position", "m"), state("absorber.speed", "m/s")
-        x, v = signal(f"{self.on}.position", "m"), signal(f"{self.on}.speed", "m/s")
+        x, v = signal(f"{self.attached_to}.position", "m"), signal(f"{self.attached_to}.speed", "m/s")
         pull = self.stiffness * (x - y) + self.damping * (v - w)
         return Equations(
             flow={y: w, w: pull / self.mass},
-            gives={f"{self.on}.attachment": (-pull, "N")},
+            gives={f"{self.attached_to}.attachment": (-pull, "N")},
             stored=self.mass * w**2 / 2 + self.stiffness * (x - y) ** 2 / 2,
             losses={"damping": self.damping * (v - w) ** 2},
-            supplies={self.on: pull * v},
+            supplies={self.attached_to: pull * v},
         )

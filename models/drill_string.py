@@ -27,7 +27,7 @@ class TorsionalChain(Component):
 
     `friction` adds dry friction at every inertia i, contact `chain.i` (i from 0, like the columns of `chain.speed`), with load `friction_load[i]`; with one
     load less the last inertia has none, as where `BitRock` holds it. `friction_at` names the inertias that have friction, one for each load, where others
-    have none. `drag` c_i adds to `top_drag` and `bit_drag`. `collar` is the inertia (-1 for the last) on which a part acts sideways of the string, such as
+    have none. `drag` c_i adds to `top_drag` and `bit_drag`. `collar_index` is the inertia (-1: last) on which a part acts sideways of the string, such as
     `WhirlingCollar`: it needs `collar.torque` [N m] (0) and gives `collar.speed` [rad/s].
 
     Examples
@@ -47,7 +47,7 @@ class TorsionalChain(Component):
     friction_load: OptionalQuantities = quantity(None, "N m", "load of the friction at every inertia", at_least=0)
     friction_at: tuple[int, ...] | None = None
     drag: OptionalQuantities = quantity(None, "N m s/rad", "viscous drag on every inertia", at_least=0)
-    collar: int | None = None
+    collar_index: int | None = None
 
     def check(self):
         n = len(self.inertia)
@@ -64,8 +64,8 @@ class TorsionalChain(Component):
             _check_friction_at(self.friction_at, self.friction_load, n)
         elif self.friction_load is not None and len(self.friction_load) != n - 1:
             entries("chain.friction_load", self.friction_load, n, f", or {n - 1} to leave the last inertia to the rock")
-        if self.collar is not None:
-            whole("chain.collar", self.collar, -n, n - 1)
+        if self.collar_index is not None:
+            whole("chain.collar_index", self.collar_index, -n, n - 1)
 
     @property
     def lumped(self) -> str:
@@ -113,11 +113,11 @@ class TorsionalChain(Component):
             "bit.speed": (speed[-1], "rad/s"),
             "top.load": (tau[0], "N m"),
         }
-        if self.collar is not None:
+        if self.collar_index is not None:
             collar_torque = signal("collar.torque", "N m", default=0.0)
-            push[self.collar] += collar_torque
-            gives["collar.speed"] = (speed[self.collar], "rad/s")
-            supplies["collar torque"] = collar_torque * speed[self.collar]
+            push[self.collar_index] += collar_torque
+            gives["collar.speed"] = (speed[self.collar_index], "rad/s")
+            supplies["collar torque"] = collar_torque * speed[self.collar_index]
         bit_load = push[-1]
         push[-1] = bit_load - bit_torque
         gives["bit.free_acceleration"] = (bit_load / self.inertia[-1], "rad/s2")

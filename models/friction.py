@@ -87,7 +87,7 @@ class Transition(_Falling):
     """Friction that falls about one speed: mu(v) = kinetic + (static - kinetic) exp(-(|v| / speed)^4).
 
     A smooth substitute for the law of a rotating drill string that drops from static to kinetic at a speed w_c: 94 % of the drop lie between 0.42 and
-    1.37 times `speed`. Defaults: mu 0.3, ratio 0.65, w_c = 1.5 rad/s of U. J. F. Aarsnes and R. J. Shor (2018), whose law jumps there.
+    1.37 times `transition_speed`. Defaults: mu 0.3, ratio 0.65, w_c = 1.5 rad/s of U. J. F. Aarsnes and R. J. Shor (2018), whose law jumps there.
 
     Examples
     --------
@@ -99,10 +99,12 @@ class Transition(_Falling):
 
     static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0, source="Aarsnes and Shor (2018)")
     kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0, source="Aarsnes and Shor (2018)")
-    speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)")
+    transition_speed: Quantity = quantity(
+        1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)"
+    )
 
     def sliding(self, speed):
-        square = (speed / self.speed) ** 2
+        square = (speed / self.transition_speed) ** 2
         return self.kinetic + (self.static - self.kinetic) * ca.exp(-(square**2))
 
 
@@ -124,13 +126,13 @@ class Drop(_Falling):
 
     static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0, source="Aarsnes and Shor (2018)")
     kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0, source="Aarsnes and Shor (2018)")
-    speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)")
+    drop_speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)")
 
     def sliding(self, speed, beyond):
         return self.static - (self.static - self.kinetic) * beyond
 
     def breaks(self):
-        return (self.speed,)
+        return (self.drop_speed,)
 
 
 @dataclass(frozen=True)
@@ -150,10 +152,10 @@ class GaussianStribeck(_Falling):
 
     static: Quantity = quantity(1.5, "1", "static coefficient", at_least=0)
     kinetic: Quantity = quantity(1.0, "1", "kinetic coefficient at high speed", at_least=0)
-    speed: Quantity = quantity(0.1, "m/s", "Stribeck speed v_s (rad/s for rotation)", above=0)
+    stribeck_speed: Quantity = quantity(0.1, "m/s", "Stribeck speed v_s (rad/s for rotation)", above=0)
 
     def sliding(self, speed):
-        return self.kinetic + (self.static - self.kinetic) * ca.exp(-((speed / self.speed) ** 2))
+        return self.kinetic + (self.static - self.kinetic) * ca.exp(-((speed / self.stribeck_speed) ** 2))
 
 
 @dataclass(frozen=True)

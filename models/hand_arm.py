@@ -32,7 +32,7 @@ class HandArm(Component):
 
         m_i v_i' = f_i - f_(i+1),   f_i = k_i e_i + c_i e_i',   e_i' = v_(i-1) - v_i,   v_0 the handle, v_(n+1) = 0 the ground
 
-    n masses have n + 1 springs and dampers. `holds` names the part that is held. With "handle" there is none:
+    n masses have n + 1 springs and dampers. `attached_to` names the part that is held. With "handle" there is none:
 
     - Needs the signal `handle.speed` v_0 [m/s] (default 0).
     - Gives the signals `handle.force` = -f_1 [N], the force of the hand on what it holds, and `hand.force` f_1.
@@ -54,7 +54,7 @@ class HandArm(Component):
     mass: Quantities = quantity((0.5, 2.0), "kg", "masses, from the handle on", above=0)
     stiffness: Quantities = quantity((50e3, 3e3, 500.0), "N/m", "stiffness before every mass, and of the ground", at_least=0)
     damping: Quantities = quantity((150.0, 60.0, 100.0), "N s/m", "damping before every mass, and of the ground", at_least=0)
-    holds: str = "handle"
+    attached_to: str = "handle"
 
     def check(self):
         n = len(self.mass)
@@ -62,19 +62,21 @@ class HandArm(Component):
             raise SceneError("Argument `hand.mass` must hold at least one mass, but it is empty.")
         for name in ("stiffness", "damping"):
             entries(f"hand.{name}", getattr(self, name), n + 1, ", one more than `hand.mass`")
-        if not isinstance(self.holds, str) or not self.holds.isidentifier() or self.holds == "hand":
-            raise SceneError(f"Argument `hand.holds` must be the first word of the signals of what is held, but it is {self.holds!r}.")
+        if not isinstance(self.attached_to, str) or not self.attached_to.isidentifier() or self.attached_to == "hand":
+            raise SceneError(
+                f"Argument `hand.attached_to` must be the first word of the signals of what is held, but it is {self.attached_to!r}."
+            )
 
     def equations(self, signal):
         n = len(self.mass)
         compression, speed = state("hand.compression", "m", n + 1), state("hand.speed", "m/s", n)
-        held = signal(f"{self.holds}.speed", "m/s", default=0.0)
+        held = signal(f"{self.attached_to}.speed", "m/s", default=0.0)
         mass, stiffness, damping = ca.vertcat(*self.mass), ca.vertcat(*self.stiffness), ca.vertcat(*self.damping)
         rate = ca.vertcat(held, speed) - ca.vertcat(speed, 0)
         force = stiffness * compression + damping * rate
         return Equations(
             flow={compression: rate, speed: (force[:-1] - force[1:]) / mass},
-            gives={f"{self.holds}.force": (-force[0], "N"), "hand.force": (force[0], "N")},
+            gives={f"{self.attached_to}.force": (-force[0], "N"), "hand.force": (force[0], "N")},
             stored=ca.dot(mass, speed**2) / 2 + ca.dot(stiffness, compression**2) / 2,
             losses={"damping": ca.dot(damping, rate**2)},
             supplies={"handle": force[0] * held},

@@ -38,7 +38,7 @@ class WhirlingCollar(Component):
       mass centre.
     - Contacts: `wall`, and its friction `rub`.
 
-    `TorsionalChain` with `collar=` takes part.
+    `TorsionalChain` with `collar_index=` takes part.
 
     The wall is elastic (`wall_stiffness`, `wall_damping`), or rigid where `restitution` is given. Range: one bending mode; beyond the weight that makes k_l
     negative the collar lies on the wall. A reconstruction: it replaces the torsional-lateral string of Hong and Dhupia, of which only the abstract was read,
@@ -49,7 +49,7 @@ class WhirlingCollar(Component):
     >>> from dataclasses import replace
     >>> from models import BitRock, WhirlingCollar, wells
     >>> from toolbox import compose
-    >>> plant = compose(replace(wells.UFRJ_2, collar=-1), BitRock(), WhirlingCollar())
+    >>> plant = compose(replace(wells.UFRJ_2, collar_index=-1), BitRock(), WhirlingCollar())
     >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
     8 states, 3 contacts
     """
@@ -204,7 +204,7 @@ def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None,
     >>> from dataclasses import replace
     >>> from models import BitRock, WhirlingCollar, wells, whirl_ratio
     >>> from toolbox import compose, simulate
-    >>> plant = compose(replace(wells.UFRJ_2, collar=-1), BitRock(weight="60 kN"), WhirlingCollar())
+    >>> plant = compose(replace(wells.UFRJ_2, collar_index=-1), BitRock(weight="60 kN"), WhirlingCollar())
     >>> run = simulate(plant, "20 s", inputs={"top.torque": "9 kN m"})
     >>> print(f"{whirl_ratio(run, after=10.0):.2f}")
     1.00

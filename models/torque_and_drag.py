@@ -23,7 +23,7 @@ from models.friction_factors import FrictionFactors
 from models.sections import Section, sections_of
 from models.survey import Survey, hole_of
 from toolbox import SceneError
-from toolbox.authoring import NumberOrText, Result, columns, number, reading, suggest
+from toolbox.authoring import NumberOrText, Result, columns, new_names_only, number, reading, suggest
 
 STEP = 5.0
 """Longest step over depth [m]."""
@@ -39,38 +39,38 @@ class TorqueDrag(Result):
         Measured depths [m], shape (n,).
     tension
         Effective tension [N], shape (n,); the first is the hook load without the weight of hook and block.
-    hanging
+    frictionless_tension
         That of the string as it lay or turned, without friction along the hole [N], shape (n,).
     torque
         Torque that the string carries [N m], shape (n,); the first is that of the top drive.
     side_force
         Force between string and hole [N/m], shape (n,).
-    front
+    sliding_front
         Measured depth above which the string slides, below which it is stuck [m]: its whole length where all of it moves.
     twist
         How far the top is ahead of the bit [rad].
-    bit_held
+    bit_static
         Whether the string slides down to the bit, but what is applied at its top leaves the bit less torque than the rock takes.
     """
 
     depth: np.ndarray
     tension: np.ndarray
-    hanging: np.ndarray
+    frictionless_tension: np.ndarray
     torque: np.ndarray
     side_force: np.ndarray
-    front: float
+    sliding_front: float
     twist: float
-    bit_held: bool = False
+    bit_static: bool = False
 
     @property
     def moves(self) -> bool:
         """Whether the whole string moves, the bit too."""
-        return self.front >= float(self.depth[-1]) and not self.bit_held
+        return self.sliding_front >= float(self.depth[-1]) and not self.bit_static
 
     @property
     def sliding(self) -> np.ndarray:
         """Whether the string slides at every depth, shape (n,)."""
-        return self.depth <= self.front
+        return self.depth <= self.sliding_front
 
     @property
     def neutral(self) -> float:
@@ -81,11 +81,11 @@ class TorqueDrag(Result):
     @property
     def drag(self) -> float:
         """Contribution of friction along the hole to the hook load [N], negative while the string is lowered."""
-        return float(self.tension[0] - self.hanging[0])
+        return float(self.tension[0] - self.frictionless_tension[0])
 
     def __str__(self) -> str:
-        moving = "all of it slides" if self.moves else f"it slides above {self.front:.4g} m and is stuck below"
-        if self.bit_held:
+        moving = "all of it slides" if self.moves else f"it slides above {self.sliding_front:.4g} m and is stuck below"
+        if self.bit_static:
             moving = "it slides down to the bit, which the rock holds"
         rows = [
             ("at the top", "", ""),
@@ -101,7 +101,7 @@ class TorqueDrag(Result):
     def _table(self) -> tuple[Sequence[str], Sequence[Sequence[Any]]]:
         """One row per depth."""
         heads = ["depth [m]", "tension [N]", "hanging [N]", "torque [N m]", "side force [N/m]", "sliding"]
-        rows = zip(self.depth, self.tension, self.hanging, self.torque, self.side_force, self.sliding, strict=True)
+        rows = zip(self.depth, self.tension, self.frictionless_tension, self.torque, self.side_force, self.sliding, strict=True)
         return heads, [[*map(float, row[:-1]), int(row[-1])] for row in rows]
 
     def plot(self, label: str = "", axes: Any = None) -> Any:
@@ -124,19 +124,21 @@ class TorqueDrag(Result):
         with paper():
             if axes is None:
                 axes = panels(2, 4.0, sharey=True)
-                axes[0].plot(self.hanging, self.depth, color="0.6", linewidth=1.0, label="without drag")
+                axes[0].plot(self.frictionless_tension, self.depth, color="0.6", linewidth=1.0, label="without drag")
                 axes[0].set(ylim=(self.depth[-1], 0.0), ylabel="measured depth [m]")
                 for ax in axes:
                     ax.axvline(0.0, color="0.85", linewidth=0.7, zorder=0)
             drawn = len({line.get_label() for ax in axes for line in ax.get_lines() if line.get_gid() == "motion"})
             look = line_styles(5)[drawn % 5]
-            parts = ((axes[0], self.tension, self.tension - self.hanging), (axes[1], self.torque, self.torque))
+            parts = ((axes[0], self.tension, self.tension - self.frictionless_tension), (axes[1], self.torque, self.torque))
             for ax, values, of_motion in parts:
                 if not of_motion.any():
                     continue
                 ax.plot(values, self.depth, label=label or "this motion", gid="motion", **look)
-                if self.front < self.depth[-1]:
-                    ax.axhspan(self.front, self.depth[-1], facecolor="0.90", zorder=-1, label=f"stuck, {label}" if label else "stuck")
+                if self.sliding_front < self.depth[-1]:
+                    ax.axhspan(
+                        self.sliding_front, self.depth[-1], facecolor="0.90", zorder=-1, label=f"stuck, {label}" if label else "stuck"
+                    )
             name_axis(axes[0].xaxis, "effective tension", "N")
             name_axis(axes[1].xaxis, "torque", "N m")
             handles = {label: each for ax in axes for each, label in zip(*ax.get_legend_handles_labels(), strict=True)}
@@ -147,6 +149,7 @@ class TorqueDrag(Result):
         return axes
 
 
+@new_names_only
 def torque_drag(
     sections: Path | str | Sequence[Section],
     survey: Path | str | Survey,
@@ -154,7 +157,7 @@ def torque_drag(
     *,
     axial_speed: Annotated[NumberOrText, "m/s"] = 0.0,
     turning_speed: Annotated[NumberOrText, "rad/s"] = 0.0,
-    at_top: NumberOrText | None = None,
+    load_at_top: NumberOrText | None = None,
     mud_density: Annotated[NumberOrText, "kg/m3"] = 0.0,
     weight_on_bit: Annotated[NumberOrText, "N"] = 0.0,
     bit_torque: Annotated[NumberOrText, "N m"] = 0.0,
@@ -177,7 +180,7 @@ def torque_drag(
         Speed along the borehole [m/s], positive downwards, negative while the string is pulled.
     turning_speed
         Speed of rotation [rad/s]. Only the ratio of both speeds matters.
-    at_top
+    load_at_top
         For a string that was at rest before and moves in one way only: the hook load [N], or for rotation the torque
         [N m], that acts at the top. If it is less than the whole string needs, only the part above some depth slides.
         By default the whole string moves.
@@ -231,8 +234,8 @@ def torque_drag(
     hanging = string.moved(0.0, v, w, load, 0.0)[0]  # by the same steps, so that a drag of nothing is 0
     pulls, torques = string.moved(factors, v, w, load, math.copysign(rock, w) if w else 0.0)
     front, needed = length, float(torques[-1])
-    if at_top is not None:
-        pulls, torques, front = _partly(string, hanging, pulls, torques, factors, v, w, at_top)
+    if load_at_top is not None:
+        pulls, torques, front = _partly(string, hanging, pulls, torques, factors, v, w, load_at_top)
     side = string.side_force(pulls)
     rigidity = string.along([section.rigidity for section in pipes])
     twist = float(np.sum(np.diff(string.depth) * 0.5 * (torques[1:] + torques[:-1]) / rigidity))
@@ -248,18 +251,18 @@ def _partly(
     friction: np.ndarray,
     v: float,
     w: float,
-    at_top: NumberOrText,
+    load_at_top: NumberOrText,
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Tension, torque and front of a string of which only the part moves that what is applied at the top can move."""
     if v and w:
-        raise SceneError("Argument `at_top` must come with one motion, along the hole or around it, but both are given.")
+        raise SceneError("Argument `load_at_top` must come with one motion, along the hole or around it, but both are given.")
     name, unit, lay, moved = ("hook load", "N", hanging, pulls) if v else ("torque", "N m", np.zeros(string.depth.size), torques)
-    applied = number("at_top", at_top, unit)
+    applied = number("load_at_top", load_at_top, unit)
     way = math.copysign(1.0, moved[0] - lay[0]) if moved[0] != lay[0] else (math.copysign(1.0, -v) if v else math.copysign(1.0, w))
     if way * (applied - lay[0]) < 0:
         side = "above" if way > 0 else "below"
         raise SceneError(
-            f"Argument `at_top` must be a {name} {side} {lay[0]:.6g} {unit}, that of the string at rest, but it is {applied:g} {unit}."
+            f"Argument `load_at_top` must be a {name} {side} {lay[0]:.6g} {unit}, that of the string at rest, but it is {applied:g} {unit}."
         )
     if way * (applied - moved[0]) >= 0:
         return pulls, torques, float(string.depth[-1])
@@ -379,7 +382,7 @@ class TorqueDragOperations(Result):
         heads = ("operation", f"hook load [{force.unit}]", f"drag [{force.unit}]", f"torque at the top [{torque.unit}]", "string")
         rows: list[tuple[str, ...]] = [heads]
         for name, each in self.operations.items():
-            moves = "moves" if each.moves else f"moves above {each.front * length.factor:.4g} {length.unit}"
+            moves = "moves" if each.moves else f"moves above {each.sliding_front * length.factor:.4g} {length.unit}"
             if each.tension.min() < 0.0 and name != "rotating on bottom":
                 moves += f", in compression below {each.neutral * length.factor:.4g} {length.unit}"
             rows.append(

@@ -200,8 +200,8 @@ def string_on_wall(
         friction,
         load=side[rubbing],
         damping=damping,
-        forces={"bit.weight": -along[-1], "bit.torque": -turn[-1]} | (torque if top_drive else {}),
-        surface={"hook.speed": -ones * [1.0, 0.0]} | ({} if top_drive else told),
+        force_inputs={"bit.weight": -along[-1], "bit.torque": -turn[-1]} | (torque if top_drive else {}),
+        surface_velocity={"hook.speed": -ones * [1.0, 0.0]} | ({} if top_drive else told),
         outputs=outputs,
         units={"bit.torque": "N m"}
         | ({"top.torque": "N m"} if top_drive else {"top.speed": "rad/s"})

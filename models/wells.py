@@ -7,7 +7,7 @@ buoyancy, mu 0.3 falling to 0.195 at 1.5 rad/s (a jump, see `Drop`), drag 0.1 1/
 UFRJ: pipe and bottom-hole assembly of F. F. Real et al. (2018), 5200 m; their damping 0.35 I + 0.06 k_t is a drag of 0.35 1/s and an internal damping of
 0.06 s. They prescribe the top speed; the top drive of 2122 kg m2 is an assumption, that of Jansen and van den Steen.
 UFRJ_2: pipe and bottom-hole assembly published at UFRJ, Rio de Janeiro, as one inertia I_pipe/3 + I_BHA on the stiffness G J/L_p of the pipe, with the
-damping 0.35 I + 0.06 k_t; with `collar=-1` a `WhirlingCollar` acts on its last inertia. They prescribe the top speed; the top drive (2122 kg m2,
+damping 0.35 I + 0.06 k_t; with `collar_index=-1` a `WhirlingCollar` acts on its last inertia. They prescribe the top speed; the top drive (2122 kg m2,
 425 N m s/rad) is an assumption.
 
 AARSNES_SHOR and UFRJ are lumped from the tables in `models/tables` when first asked for; `DrillString.from_tables` lumps them otherwise. AARSNES_SHOR is

@@ -73,11 +73,11 @@ LOW = 4.0
 SMALL = 0.02
 """What the disk margin counts: a few runs."""
 POPULATION = 16
-TUNING = Group("tuning", SINGLES + CORNERS, (1,), phases=(1 / 16, 9 / 16))
-NEARLY = Group("nearly declared", (Machine("nominal"), *GROUPS["noisy"].machines), (1,), phases=TUNING.phases)
-WEIGHTS = Group("weights", GROUPS["varying_weight"].machines[1:], (1,), phases=TUNING.phases, judged=200.0)
-BRIEF = Group("combined", CORNERS, (1,), phases=(1 / 16,), judged=60.0)
-BRIEF_WEIGHTS = Group("weights", GROUPS["varying_weight"].machines[2:3], (1,), phases=(1 / 16,), judged=100.0)
+TUNING = Group("tuning", SINGLES + CORNERS, (1,), takeover_phases=(1 / 16, 9 / 16))
+NEARLY = Group("nearly declared", (Machine("nominal"), *GROUPS["noisy"].machines), (1,), takeover_phases=TUNING.takeover_phases)
+WEIGHTS = Group("weights", GROUPS["varying_weight"].machines[1:], (1,), takeover_phases=TUNING.takeover_phases, judged_time=200.0)
+BRIEF = Group("combined", CORNERS, (1,), takeover_phases=(1 / 16,), judged_time=60.0)
+BRIEF_WEIGHTS = Group("weights", GROUPS["varying_weight"].machines[2:3], (1,), takeover_phases=(1 / 16,), judged_time=100.0)
 LATE = round(DELAY / 0.01)
 
 
@@ -185,33 +185,36 @@ FAMILIES: dict[str, Family] = {
     "H-infinity": Family(
         lambda q: HInfinity(**q, **LIMITS),
         {
-            "bit_size": (0.1, 10.0),
-            "angle_size": (1.0, 100.0),
-            "disturbance": (200.0, 20_000.0),
+            "bit_speed_scale": (0.1, 10.0),
+            "angle_scale": (1.0, 100.0),
+            "disturbance_scale": (200.0, 20_000.0),
             "speed_noise": (0.003, 0.3),
-            "margin": (1.02, 3.0),
+            "norm_factor": (1.02, 3.0),
         },
     ),
     "LQG": Family(
         lambda q: LQG(delay_samples=LATE, **q, **LIMITS),
         {
-            "top_size": (0.3, 30.0),
-            "bit_size": (0.1, 10.0),
-            "angle_size": (1.0, 100.0),
+            "top_speed_scale": (0.3, 30.0),
+            "bit_speed_scale": (0.1, 10.0),
+            "angle_scale": (1.0, 100.0),
             "torque_process_noise": (200.0, 20_000.0),
             "drive_process_noise": (20.0, 1000.0),
         },
     ),
     "sliding mode": _on_estimates(
-        lambda **q: SlidingMode(**q, **LIMITS), {"surface": (0.02, 2.0), "reaching": (0.1, 10.0), "width": (0.02, 2.0)}
+        lambda **q: SlidingMode(**q, **LIMITS), {"surface_gain": (0.02, 2.0), "reaching_rate": (0.1, 10.0), "boundary_layer": (0.02, 2.0)}
     ),
     "implicit sliding mode": _on_estimates(
-        lambda **q: ImplicitSlidingMode(**q, **LIMITS), {"surface": (0.02, 2.0), "reaching": (0.1, 10.0), "learning": (0.001, 0.5)}
+        lambda **q: ImplicitSlidingMode(**q, **LIMITS),
+        {"surface_gain": (0.02, 2.0), "reaching_rate": (0.1, 10.0), "adaptation_gain": (0.001, 0.5)},
     ),
-    "super-twisting": _on_estimates(lambda **q: SuperTwisting(**q, **LIMITS), {"surface": (0.02, 2.0), "disturbance_rate": (0.05, 20.0)}),
+    "super-twisting": _on_estimates(
+        lambda **q: SuperTwisting(**q, **LIMITS), {"surface_gain": (0.02, 2.0), "disturbance_rate": (0.05, 20.0)}
+    ),
     "impedance super-twisting": _on_estimates(
         lambda **q: ImpedanceSuperTwisting(**q, **LIMITS),
-        {"surface": (0.02, 2.0), "disturbance_rate": (0.05, 20.0), "impedance": (100.0, 4000.0)},
+        {"surface_gain": (0.02, 2.0), "disturbance_rate": (0.05, 20.0), "impedance": (100.0, 4000.0)},
     ),
     "impedance and dither of the weight": _on_estimates(_dithered, {**IMPEDANCE, "depth": (0.02, 0.5), "size": (0.2, 10.0)}),
 }
@@ -226,9 +229,9 @@ FAMILIES |= {
     "linear MPC": Family(
         lambda q: LinearMPC(delay=DELAY, **q, **LIMITS),
         {
-            "top_size": (1.0, 40.0),
-            "bit_size": (0.3, 20.0),
-            "move_size": (1000.0, 40_000.0),
+            "top_speed_scale": (1.0, 40.0),
+            "bit_speed_scale": (0.3, 20.0),
+            "torque_step_scale": (1000.0, 40_000.0),
             "torque_process_noise": (100.0, 4000.0),
             "drive_process_noise": (10.0, 1000.0),
         },
@@ -236,7 +239,12 @@ FAMILIES |= {
     ),
     "nonlinear MPC": Family(
         lambda q: NonlinearMPC(delay=DELAY, **q, **LIMITS),
-        {"top_size": (1.0, 40.0), "bit_size": (0.3, 20.0), "drive_error": (0.02, 0.5), "strength_process_noise": (0.001, 0.05)},
+        {
+            "top_speed_scale": (1.0, 40.0),
+            "bit_speed_scale": (0.3, 20.0),
+            "drive_torque_error": (0.02, 0.5),
+            "strength_process_noise": (0.001, 0.05),
+        },
         planned=True,
     ),
 }

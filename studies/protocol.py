@@ -27,7 +27,7 @@ LOWEST, HIGHEST, STEP = 1.5, 14.0, 0.1
 """Set-points [rad/s] that are searched."""
 ROCKS: dict[str, BitRock] = {
     "exponential": ROCK,
-    "Gaussian": BitRock(weight=WEIGHT, friction=GaussianStribeck(static=0.8, kinetic=0.5, speed=1.2538)),
+    "Gaussian": BitRock(weight=WEIGHT, friction=GaussianStribeck(static=0.8, kinetic=0.5, stribeck_speed=1.2538)),
     "half the decay": BitRock(weight=WEIGHT, friction=Exponential(decay=0.45)),
 }
 GROUPS = machine_groups(PLANT, NOISE, DELAY)

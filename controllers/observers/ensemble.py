@@ -56,7 +56,7 @@ class EnsembleEstimator:
             "top.speed": found.top_speed[0],
             "bit.speed": found.bit_speed[0],
             "bit.torque": found.bit_torque[0],
-            "bit.friction_scale": found.strength[0],
+            "bit.friction_scale": found.rock_strength[0],
         }
 
     def predict(self, command: float) -> None:

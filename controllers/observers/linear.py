@@ -39,17 +39,17 @@ class StringObserver(Observer):
 
     states: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
-    places: tuple[int, ...] = ()
+    model_indices: tuple[int, ...] = ()
     model: OptionalQuantities = quantity(
         None,
         "1",
-        "rows of A, B', and the rows of top speed, bit speed and top load, where `places` says (everywhere if empty); filled in by design",
+        "rows of A, B', and the rows of top speed, bit speed and top load, where `model_indices` says (everywhere if empty); filled in by design",
     )
     gain: OptionalQuantities = quantity(None, "1", "L, the disturbance last; filled in by design")
-    begins: OptionalQuantities = quantity(
+    initial_state_map: OptionalQuantities = quantity(
         None, "1", "states per torque, then per top speed, of the string that turns steadily; filled in by design"
     )
-    rock: OptionalQuantities = quantity(
+    rock_friction: OptionalQuantities = quantity(
         None, "1", "torque of the rock at speed, its excess at rest [N m] and decay [s/rad]; filled in by design"
     )
 
@@ -73,16 +73,16 @@ class StringObserver(Observer):
         stacked = np.vstack([A, B, rows])
         places = entries(stacked)
         return replace(
-            self, states=model.states, units=model.units, rock=rock, places=places, model=tuple(stacked.ravel()[list(places)].tolist()),
-            gain=tuple(gain.ravel().tolist()), begins=tuple(steady_string(A, B, rows[0]).T.ravel().tolist()),
+            self, states=model.states, units=model.units, rock_friction=rock, model_indices=places, model=tuple(stacked.ravel()[list(places)].tolist()),
+            gain=tuple(gain.ravel().tolist()), initial_state_map=tuple(steady_string(A, B, rows[0]).T.ravel().tolist()),
         )  # fmt: skip
 
     def begun(self, speed: Any, torque: Any) -> Any:
         """The state of a string that turns steadily at a top speed under a torque: what is known when the observer begins."""
-        if self.begins is None:
+        if self.initial_state_map is None:
             raise SceneError(f"{type(self).__name__} needs the plant it observes: call `design(plant)`.")
-        n = len(self.begins) // 2
-        return ca.vertcat(*self.begins[:n]) * torque + ca.vertcat(*self.begins[n:]) * speed
+        n = len(self.initial_state_map) // 2
+        return ca.vertcat(*self.initial_state_map[:n]) * torque + ca.vertcat(*self.initial_state_map[n:]) * speed
 
     def injection(self, error: Any) -> Any:
         """What the gain is multiplied with, given w_top - w_top_hat."""
@@ -98,7 +98,7 @@ class StringObserver(Observer):
             return
         n = len(self.gain)
         rows = np.zeros((n + 4, n))
-        rows.ravel()[list(self.places) or slice(None)] = self.model
+        rows.ravel()[list(self.model_indices) or slice(None)] = self.model
         rates = np.linalg.eigvals(rows[:n] - self.slope() * np.outer(self.gain, rows[n + 1]))
 
         refuse_swinging(type(self).__name__, rates, period, "What trusts the measured speed less has slower poles.")
@@ -108,7 +108,7 @@ class StringObserver(Observer):
         if self.gain is None or self.model is None:
             raise SceneError(f"{type(self).__name__} needs the plant it observes: call `design(plant)`.")
         n = len(self.gain)
-        return n, with_entries((n + 4, n), self.places, ca.vertcat(*self.model))
+        return n, with_entries((n + 4, n), self.model_indices, ca.vertcat(*self.model))
 
     def _equations(self, signal) -> tuple[Any, Any, dict[str, tuple[Any, str]]]:
         """State, its rate as a function of the state, and the estimates."""
@@ -144,8 +144,8 @@ class StringObserver(Observer):
             "top.load": (load @ x, "N m"),
             "bit.torque": (x[n - 1], "N m"),
         }
-        if self.rock is not None:
-            at_speed, excess, decay = self.rock
+        if self.rock_friction is not None:
+            at_speed, excess, decay = self.rock_friction
             estimates["bit.friction_scale"] = (over(x[n - 1], at_speed + excess * ca.exp(-decay * ca.fabs(bit @ x))), "1")
         return estimates
 

@@ -17,19 +17,19 @@ class SlidingObserver(StringObserver):
 
         x_hat' = A x_hat + B u + g v,   v = size clip(e / layer, -1, 1) + reaching e,   e = w_top - w_top_hat
 
-    g has 1 for the top speed, so that on e = 0 the remaining errors decay with all poles at -bandwidth, whatever the injection. `size` must
+    g has 1 for the top speed, so that on e = 0 the remaining errors decay with all poles at -bandwidth, whatever the injection. `switching_gain` must
     exceed what the errors can do to the top speed; `reaching` brings large errors back, where a bounded injection alone would wind the estimates
     up. Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992 (chapter on observers); gains by pole placement.
     """
 
     bandwidth: Quantity = quantity(3.0, "rad/s", "distance of the poles on the sliding surface from zero", above=0)
-    size: Quantity = quantity(5.0, "rad/s2", "injection at the edge of the layer", above=0)
+    switching_gain: Quantity = quantity(5.0, "rad/s2", "injection at the edge of the layer", above=0)
     reaching: Quantity = quantity(20.0, "1/s", "gain on large errors", at_least=0)
-    layer: Quantity = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
+    boundary_layer: Quantity = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
 
     def injection(self, error):
         """The switching injection [rad/s2]."""
-        return self.size * ca.fmin(ca.fmax(error / self.layer, -1), 1) + self.reaching * error
+        return self.switching_gain * ca.fmin(ca.fmax(error / self.boundary_layer, -1), 1) + self.reaching * error
 
     def slope(self):
         """Return the slope of the correction for large errors, at which the switching part is bounded."""

@@ -16,12 +16,10 @@ from toolbox.modelling import OptionalQuantities
 class ElasticFace(ContactBody):
     """Elastic body on a rigid plate, each of its contacts with Coulomb's cone: M q'' + C q' + K q = forces on its ports.
 
-    A contact is the ports with its number: `x.i` and `y.i` along the plate and `z.i` above it where `tangent` is ("x", "y") and `normal` is "z". Contacts open
-    and close under their own pressure, or carry given `loads` in place of `normal`. A spring and a damper to ground may act on one port, `held`; a body may
-    bring more of them (`ReducedBody.mounted`).
-    Inputs: `surface.x` and `surface.y`, the speeds of the plate along the tangents [m/s], and the ports in `pushed`, each a force on the body [N]. Outputs are
-    all ports [m].
-    Range: small strain, small turns; hundreds of contacts.
+    A contact is the ports with its number: `x.i` and `y.i` along the plate and `z.i` above it where `tangent` is ("x", "y") and `normal` is "z". Contacts
+    open and close under their own pressure, or carry given `loads` in place of `normal`. A spring and a damper to ground may act on one port,
+    `support_port`; a body may bring more of them (`ReducedBody.mounted`). Inputs: `surface.x` and `surface.y`, the speeds of the plate along the tangents
+    [m/s], and the ports in `force_ports`, each a force on the body [N]. Outputs are all ports [m]. Range: small strain, small turns; hundreds of contacts.
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})
@@ -33,11 +31,11 @@ class ElasticFace(ContactBody):
     )
     loads: OptionalQuantities = quantity(None, "N", "given normal load of every contact, in place of `normal`", at_least=0)
     gap: OptionalQuantities = quantity(None, "m", "gap of every contact at q = 0; none without")
-    closing: Quantity = quantity(-1.0, "1", "-1 where a positive normal displacement opens the contact, 1 where it closes it")
-    pushed: tuple[str, ...] = field(default=(), metadata={"meaning": "ports on which forces act"})
-    held: str | None = field(default=None, metadata={"meaning": "the port that spring and damper hold"})
-    stiffness: Quantity = quantity(0.0, "N/m", "spring to ground at `held`", at_least=0)
-    damping: Quantity = quantity(0.0, "N s/m", "damper to ground at `held`", at_least=0)
+    normal_sign: Quantity = quantity(-1.0, "1", "-1 where a positive normal displacement opens the contact, 1 where it closes it")
+    force_ports: tuple[str, ...] = field(default=(), metadata={"meaning": "ports on which forces act"})
+    support_port: str | None = field(default=None, metadata={"meaning": "the port that spring and damper hold"})
+    stiffness: Quantity = quantity(0.0, "N/m", "spring to ground at `support_port`", at_least=0)
+    damping: Quantity = quantity(0.0, "N s/m", "damper to ground at `support_port`", at_least=0)
     friction: FrictionLaw = Coulomb(0.35, 0.35)
 
     def check(self):
@@ -45,12 +43,14 @@ class ElasticFace(ContactBody):
             raise SceneError(f"Argument `body` must be a ReducedBody, as `ElasticBody.reduced` makes it, but it is {self.body!r}.")
         if (self.normal is None) == (self.loads is None):
             raise SceneError("Either `normal` must be given, for contacts that open and close, or `loads`, and not both.")
-        if self.held is None and (self.stiffness or self.damping):
-            raise SceneError("Arguments `stiffness` and `damping` must come with `held`, the port on which they act, but there is none.")
+        if self.support_port is None and (self.stiffness or self.damping):
+            raise SceneError(
+                "Arguments `stiffness` and `damping` must come with `support_port`, the port on which they act, but there is none."
+            )
 
     def problem(self) -> ContactProblem:
         check_fields(self)
-        body = self.body if self.held is None else self.body.mounted({self.held: (self.stiffness, self.damping)})
+        body = self.body if self.support_port is None else self.body.mounted({self.support_port: (self.stiffness, self.damping)})
         return body.in_contact(
-            self.friction, self.tangent, self.normal, closing=self.closing, load=self.loads, gap=self.gap, pushed=self.pushed
+            self.friction, self.tangent, self.normal, closing=self.normal_sign, load=self.loads, gap=self.gap, pushed=self.force_ports
         )

@@ -24,31 +24,31 @@ class ElasticPad(Component):
     Contact i is two ports of the reduced body, `along.i` with displacement x_i along the disc and `into.i` with y_i into it; a spring k_c stands for lining and
     disc. q is counted from the unloaded pad, a_i is the approach of the disc to its contact: what presses it where nothing else pushes the pad. With one rigid
     mass on two springs this is `SquealingPad` with preload k_c a, and may part.
-    Signals: needs `disc.speed` [m/s] (the field), `pad.push` [N] (0) on the port `pushed`, into the disc where that port counts so; gives
+    Signals: needs `disc.speed` [m/s] (the field), `pad.push` [N] (0) on the port `force_ports`, into the disc where that port counts so; gives
     `pad.normal_force` and `pad.friction_force` [N] of all contacts. States: `pad.displacement` q and `pad.rate` q', without modes that no port moves.
     Elements: `touch.i` ("open", "closed") and `pad.i` ("stick", "slip+/-").
     Range: small strain, speed of the disc the same under all contacts, some ten contacts.
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})
-    approach: Quantities = quantity(unit="m", meaning="approach of the disc at every contact; below 0 a gap")
+    initial_approach: Quantities = quantity(unit="m", meaning="approach of the disc at every contact; below 0 a gap")
     contact_stiffness: Quantity = quantity(1e8, "N/m", "stiffness k_c of one contact", above=0)
     contact_damping: Quantity = quantity(0.0, "N s/m", "damping c_c of one contact", at_least=0)
     disc_speed: Quantity = quantity(1.0, "m/s", "speed of the disc under the pad")
-    pushed: str | None = None
+    force_ports: str | None = None
     friction: FrictionLaw = Coulomb(static=0.5, kinetic=0.5)
 
     def check(self):
         if not isinstance(self.body, ReducedBody):
             raise SceneError(f"Argument `body` must be a ReducedBody, as `ElasticBody.reduced` makes it, but it is {self.body!r}.")
         along, into = self.body.indices("along"), self.body.indices("into")
-        if not len(along) == len(into) == len(self.approach):
+        if not len(along) == len(into) == len(self.initial_approach):
             raise SceneError(
-                f"Argument `pad.approach` must have one entry for each contact, as ports `along.i` and `into.i`, but there are {len(self.approach)}, "
-                f"{len(along)} and {len(into)}."
+                f"Argument `pad.initial_approach` must have one entry for each contact, as ports `along.i` and `into.i`, but there are "
+                f"{len(self.initial_approach)}, {len(along)} and {len(into)}."
             )
-        if self.pushed is not None:
-            self.body.index(self.pushed)
+        if self.force_ports is not None:
+            self.body.index(self.force_ports)
 
     @property
     def _body(self) -> ReducedBody:
@@ -58,15 +58,17 @@ class ElasticPad(Component):
         n, along, into = self._body.size, self._body.indices("along"), self._body.indices("into")
         q, v = state("pad.displacement", "m", n), state("pad.rate", "m/s", n)
         disc_speed = signal("disc.speed", "m/s", default=self.disc_speed)
-        push = signal("pad.push", "N", default=0.0) if self.pushed is not None else 0.0
+        push = signal("pad.push", "N", default=0.0) if self.force_ports is not None else 0.0
         touch = [
-            UnilateralContact(f"touch.{i}", q[j] + self.approach[i], v[j], stiffness=self.contact_stiffness, damping=self.contact_damping)
+            UnilateralContact(
+                f"touch.{i}", q[j] + self.initial_approach[i], v[j], stiffness=self.contact_stiffness, damping=self.contact_damping
+            )
             for i, j in enumerate(into)
         ]
         pad = [DryFriction(f"pad.{i}", v[j] - disc_speed, self.friction, touch[i].force) for i, j in enumerate(along)]
-        places = [*into, *along] + ([self._body.index(self.pushed)] if self.pushed is not None else [])
+        places = [*into, *along] + ([self._body.index(self.force_ports)] if self.force_ports is not None else [])
         forces = ca.vertcat(
-            *(-contact.force for contact in touch), *(contact.force for contact in pad), *([push] if self.pushed is not None else [])
+            *(-contact.force for contact in touch), *(contact.force for contact in pad), *([push] if self.force_ports is not None else [])
         )
         compliance = np.linalg.inv(self._body.mass)
         compliance = (compliance + compliance.T) / 2
@@ -74,8 +76,8 @@ class ElasticPad(Component):
         normal, drag = sum(contact.force for contact in touch), sum(contact.force for contact in pad)
         slips = [v[j] - disc_speed for j in along]
         supplies = {"disc drive": drag * disc_speed}
-        if self.pushed is not None:
-            supplies["push"] = push * v[self._body.index(self.pushed)]
+        if self.force_ports is not None:
+            supplies["push"] = push * v[self._body.index(self.force_ports)]
         return Equations(
             flow={q: v, v: inner + ca.DM(compliance[:, places]) @ forces},
             gives={"pad.normal_force": (normal, "N"), "pad.friction_force": (drag, "N")},
@@ -100,13 +102,13 @@ class ElasticPad(Component):
 
         A start for runs. The disc pulls towards positive x for a positive speed. Raises SceneError where no set of closed contacts is found.
         """
-        along, into, count = self._body.indices("along"), self._body.indices("into"), len(self.approach)
+        along, into, count = self._body.indices("along"), self._body.indices("into"), len(self.initial_approach)
         mu = self._coefficient(friction)
-        closed, approach = np.ones(count, bool), np.asarray(self.approach)
+        closed, approach = np.ones(count, bool), np.asarray(self.initial_approach)
         for _ in range(4 * count + 4):
             matrix, force = self._body.stiffness.copy(), np.zeros(self._body.size)
-            if self.pushed is not None:
-                force[self._body.index(self.pushed)] += push
+            if self.force_ports is not None:
+                force[self._body.index(self.force_ports)] += push
             for i in np.flatnonzero(closed):
                 matrix[into[i], into[i]] += self.contact_stiffness
                 matrix[along[i], into[i]] -= mu * self.contact_stiffness
@@ -121,7 +123,7 @@ class ElasticPad(Component):
                 return q
             closed = should
         raise SceneError(
-            "Argument `approach` must press the pad somewhere, in a way that can last, but no set of closed contacts is at rest."
+            "Argument `initial_approach` must press the pad somewhere, in a way that can last, but no set of closed contacts is at rest."
         )
 
     def poles(self, friction: float | None = None) -> np.ndarray:
@@ -131,7 +133,7 @@ class ElasticPad(Component):
         """
         along, into = self._body.indices("along"), self._body.indices("into")
         mu = self._coefficient(friction)
-        closed = self.pressed(friction)[into] + np.asarray(self.approach) > 0
+        closed = self.pressed(friction)[into] + np.asarray(self.initial_approach) > 0
         stiffness, damping = self._body.stiffness.copy(), self._body.damping.copy()
         for i in np.flatnonzero(closed):
             for matrix, contact in ((stiffness, self.contact_stiffness), (damping, self.contact_damping)):

@@ -11,14 +11,27 @@ from typing import Any
 import numpy as np
 
 from toolbox import FrictionLaw, SceneError
-from toolbox.authoring import NumberOrText, array, entries, is_finite_number, number, read_arrays, replaced, suggest, symmetric, whole
+from toolbox.authoring import (
+    NumberOrText,
+    Renamed,
+    array,
+    entries,
+    is_finite_number,
+    new_field,
+    number,
+    read_arrays,
+    replaced,
+    suggest,
+    symmetric,
+    whole,
+)
 from toolbox.contacts import ContactProblem
 
 MATRICES = ("mass", "damping", "stiffness")
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedBody:
+class ReducedBody(Renamed):
     """An elastic body in few coordinates q = (displacements of the ports, amplitudes of modes): M q'' + C q' + K q = forces on the ports.
 
     `ElasticBody.reduced` makes one from finite elements; matrices that another program has reduced make one, too. Two reduced bodies with the same ports,
@@ -30,15 +43,15 @@ class ReducedBody:
         Names of the ports, the first coordinates in that order [m].
     mass, damping, stiffness
         (q, q): symmetric matrices, dense [kg], [N s/m], [N/m]; the mass is positive definite.
-    band
+    cutoff_frequency
         What the modes were chosen for [Hz]; 0 for statics alone.
     frequencies
         (f,): natural frequencies [Hz] of the whole body in that band, without rigid-body motions.
-    errors
+    frequency_errors
         (f,): relative errors of the reduced body's, >= 0.
-    rigid
+    rigid_body_modes
         Number of rigid-body motions of the body.
-    places, areas
+    contact_positions, contact_areas
         (c, 1 to 3) where the contacts of the body are [m], and (c,) area of each [m2], for pictures and pressures; None where nobody said.
 
     Raises
@@ -51,12 +64,12 @@ class ReducedBody:
     mass: np.ndarray
     damping: np.ndarray
     stiffness: np.ndarray
-    band: float = 0.0
+    cutoff_frequency: float = 0.0
     frequencies: np.ndarray = ()  # type: ignore[assignment]
-    errors: np.ndarray = ()  # type: ignore[assignment]
-    rigid: int = 0
-    places: np.ndarray | None = None
-    areas: np.ndarray | None = None
+    frequency_errors: np.ndarray = ()  # type: ignore[assignment]
+    rigid_body_modes: int = 0
+    contact_positions: np.ndarray | None = None
+    contact_areas: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         ports = tuple(self.ports) if isinstance(self.ports, (list, tuple)) else ()
@@ -68,14 +81,14 @@ class ReducedBody:
         roots = np.sqrt(np.maximum(np.diag(self.mass), 0.0))
         if not roots.all() or not _positive(self.mass / np.outer(roots, roots)):
             raise SceneError("Argument `mass` must be positive definite: a coordinate without mass has no motion of its own.")
-        for word in ("frequencies", "errors"):
+        for word in ("frequencies", "frequency_errors"):
             object.__setattr__(self, word, array(word, getattr(self, word), (None,), 0.0))
-        entries("errors", self.errors, len(self.frequencies), ", one for each frequency")
-        for word, axes in (("places", 2), ("areas", 1)):
+        entries("frequency_errors", self.frequency_errors, len(self.frequencies), ", one for each frequency")
+        for word, axes in (("contact_positions", 2), ("contact_areas", 1)):
             if getattr(self, word) is not None:
                 object.__setattr__(self, word, array(word, getattr(self, word), (None,) * axes))
-        object.__setattr__(self, "band", number("band", self.band, "Hz", at_least=0))
-        object.__setattr__(self, "rigid", whole("rigid", self.rigid, 0))
+        object.__setattr__(self, "cutoff_frequency", number("cutoff_frequency", self.cutoff_frequency, "Hz", at_least=0))
+        object.__setattr__(self, "rigid_body_modes", whole("rigid_body_modes", self.rigid_body_modes, 0))
 
     def _matrix(self, word: str) -> np.ndarray:
         matrix = array(word, getattr(self, word), (None, None))
@@ -104,15 +117,15 @@ class ReducedBody:
     def load(cls, path: str | Path) -> ReducedBody:
         """The body in a file that `save` has written; raises SceneError where the file is missing, damaged, or holds no body. Loading never runs code."""
         path = _npz(path)
-        found = read_arrays(path, "a reduced body")
+        found = {new_field(cls, name): array for name, array in read_arrays(path, "a reduced body").items()}
         known = [spec.name for spec in fields(cls)]
-        needed = [name for name in known if name not in ("places", "areas")]
+        needed = [name for name in known if name not in ("contact_positions", "contact_areas")]
         for name in (*found, *needed):
             if name not in found or name not in known:
                 fault = "holds" if name in found else "lacks"
                 raise SceneError(f"File `{path}` must be a reduced body with {', '.join(needed)}, but it {fault} `{name}`.")
         try:
-            plain = {name: found[name].tolist() for name in ("ports", "band", "rigid")}
+            plain = {name: found[name].tolist() for name in ("ports", "cutoff_frequency", "rigid_body_modes")}
             whole = {word: _mirrored(found[word]) for word in MATRICES}
             return cls(**found | plain | whole)
         except SceneError as error:
@@ -163,7 +176,7 @@ class ReducedBody:
     def mounted(self, mounts: Mapping[str, tuple[NumberOrText, NumberOrText]]) -> ReducedBody:
         """The body with springs and dampers from ports to ground: {port: (stiffness [N/m], damping [N s/m])}, both >= 0.
 
-        `frequencies` and `errors` remain those of the body without mounts.
+        `frequencies` and `frequency_errors` remain those of the body without mounts.
         """
         if not isinstance(mounts, Mapping):
             raise SceneError(f"Argument `mounts` must map ports to (stiffness, damping), but it is {mounts!r}.")
@@ -206,7 +219,7 @@ class ReducedBody:
             Given normal loads [N] instead, shape (contacts,).
         gap
             As for `ContactProblem`.
-        places, areas
+        contact_positions, contact_areas
             As for `ContactProblem`; without, those of the body.
         pushed
             Ports that are pushed; the input of that name is a force [N].
@@ -238,16 +251,16 @@ class ReducedBody:
             load=load,
             damping=self.damping,
             gap=gap,
-            forces={port: unit[self.index(port)] for port in pushed},
-            surface={f"surface.{word}": np.tile(np.eye(len(ways))[i], (count, 1)) for i, word in enumerate(tangent)},
+            force_inputs={port: unit[self.index(port)] for port in pushed},
+            surface_velocity={f"surface.{word}": np.tile(np.eye(len(ways))[i], (count, 1)) for i, word in enumerate(tangent)},
             outputs={port: unit[i] for i, port in enumerate(self.ports)},
-            places=self.places if places is None else places,
-            areas=self.areas if areas is None else areas,
+            contact_positions=self.contact_positions if places is None else places,
+            contact_areas=self.contact_areas if areas is None else areas,
         )
 
     @functools.cached_property
     def _content(self) -> tuple[Any, ...]:
-        surface = tuple(None if array is None else (array.shape, array.tobytes()) for array in (self.places, self.areas))
+        surface = tuple(None if array is None else (array.shape, array.tobytes()) for array in (self.contact_positions, self.contact_areas))
         return (self.ports, *(getattr(self, word).tobytes() for word in MATRICES), *surface)
 
     def __eq__(self, other: object) -> bool:
@@ -257,13 +270,15 @@ class ReducedBody:
         return hash(self._content)
 
     def __repr__(self) -> str:
-        return f"ReducedBody({len(self.ports)} ports, {self.modes} modes, band {self.band:g} Hz)"
+        return f"ReducedBody({len(self.ports)} ports, {self.modes} modes, band {self.cutoff_frequency:g} Hz)"
 
     def __str__(self) -> str:
         worst = (
-            f", frequencies up to {self.frequencies[-1]:.4g} Hz right within {100 * self.errors.max():.2g} %" if self.errors.size else ""
+            f", frequencies up to {self.frequencies[-1]:.4g} Hz right within {100 * self.frequency_errors.max():.2g} %"
+            if self.frequency_errors.size
+            else ""
         )
-        return f"{self.size} coordinates: {len(self.ports)} ports and {self.modes} modes{worst}; {self.rigid} rigid-body motions"
+        return f"{self.size} coordinates: {len(self.ports)} ports and {self.modes} modes{worst}; {self.rigid_body_modes} rigid-body motions"
 
 
 def _positive(matrix: np.ndarray) -> bool:

@@ -18,24 +18,22 @@ from toolbox.modelling import Quantities
 class ElasticSlider(Component):
     """Elastic body on a moving plate with contacts in a row, held by a spring and a damper: M q'' + C q' + K q = forces on its ports.
 
-    Each contact is a port of the reduced body, `contact.0`, `contact.1`, ...: the mean displacement of a node, a row or a patch along the plate. It sticks and
-    slips on its own under its own normal load, which does not change: loads from statics (`ElasticBody.row_areas` times a pressure, or the
-    normal forces of `toolbox.contacts.press_contacts`). The spring and the damper act on the port `held`; the body may have more ports, and modes.
-    Signals: needs `slider.pull` [N] (0) at `held` and `plate.speed` [m/s] (0); gives `slider.position` [m] and `slider.speed` [m/s] of `held`,
-    `plate.drag` [N], the friction of all contacts on the body, and `plate.stuck` [1], the share of the load on contacts that stick. States:
-    `slider.displacement` z, in which contacts are counted from `held`, q_c = z_c + z_held, and `slider.rate` q'. Strains are nanometres where the slider
-    moves by millimetres, so in q round-off
-    of the motion would stand for forces of the body (the energy of a cube on a plate balances to 2e-14 in z, to 6e-9 in q).
-    Elements: `plate.i`, contacts in order, with modes "stick" and "slip+/-".
-    The defaults of spring, damper and friction are those of `Slider`. Modes that no port moves are left out.
-    Such a body is stiff: give its material some damping, else its fastest mode rings through the
-    run, and take modes only where the drive moves them: one that a slow drive leaves at the size of round-off asks for short steps all the same.
-    Range: small strain, loads that do not follow the motion, some thirty contacts; for more, and for contacts that open, `toolbox.contacts.step_contacts`.
+    Each contact is a port of the reduced body, `contact.0`, `contact.1`, ...: the mean displacement of a node, a row or a patch along the plate. It sticks
+    and slips on its own under its own normal load, which does not change: loads from statics (`ElasticBody.row_areas` times a pressure, or the normal
+    forces of `toolbox.contacts.press_contacts`). The spring and the damper act on the port `support_port`; the body may have more ports, and modes.
+    Signals: needs `slider.pull` [N] (0) at `support_port` and `plate.speed` [m/s] (0); gives `slider.position` [m] and `slider.speed` [m/s] of
+    `support_port`, `plate.drag` [N], the friction of all contacts on the body, and `plate.stuck` [1], the share of the load on contacts that stick.
+    States: `slider.displacement` z, in which contacts are counted from `support_port`, q_c = z_c + z_held, and `slider.rate` q'. Strains are nanometres
+    where the slider moves by millimetres, so in q round-off of the motion would stand for forces of the body (the energy of a cube on a plate balances to
+    2e-14 in z, to 6e-9 in q). Elements: `plate.i`, contacts in order, with modes "stick" and "slip+/-". The defaults of spring, damper and friction are
+    those of `Slider`. Modes that no port moves are left out. Such a body is stiff: give its material some damping, else its fastest mode rings through the
+    run, and take modes only where the drive moves them: one that a slow drive leaves at the size of round-off asks for short steps all the same. Range:
+    small strain, loads that do not follow the motion, some thirty contacts; for more, and for contacts that open, `toolbox.contacts.step_contacts`.
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})
     loads: Quantities = quantity(unit="N", meaning="normal load of every contact", at_least=0)
-    held: str = "held"
+    support_port: str = "held"
     stiffness: Quantity = quantity(10_000.0, "N/m", "stiffness of the spring to ground", at_least=0)
     damping: Quantity = quantity(5000.0, "N s/m", "damping to ground", at_least=0)
     friction: FrictionLaw = Exponential(static=0.35, kinetic=0.25, decay=1.0)
@@ -44,11 +42,11 @@ class ElasticSlider(Component):
         if not isinstance(self.body, ReducedBody):
             raise SceneError(f"Argument `body` must be a ReducedBody, as `ElasticBody.reduced` makes it, but it is {self.body!r}.")
         entries("slider.loads", self.loads, len(self.body.indices("contact")), ", one for each contact")
-        self.body.index(self.held)
+        self.body.index(self.support_port)
 
     def equations(self, signal):
         body = self.body.moved
-        n, contacts, held = body.size, body.indices("contact"), body.index(self.held)
+        n, contacts, held = body.size, body.indices("contact"), body.index(self.support_port)
         shift = np.eye(n)  # q = shift z
         shift[[contact for contact in contacts if contact != held], held] = 1.0
         z, v = state("slider.displacement", "m", n), state("slider.rate", "m/s", n)

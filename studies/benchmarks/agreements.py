@@ -100,7 +100,7 @@ def faces(draw: np.random.Generator) -> str:
     axes = np.eye(size)
     problem = ContactProblem(
         np.diag(draw.uniform(0.5, 2.0, size)), stiffness, axes[: 2 * n].reshape(n, 2, size), Coulomb(0.35, 0.35), normal=-axes[2 * n :],
-        damping=0.02 * stiffness, forces={"press": -axes[2 * n :].sum(axis=0), "pull": axes[0 : 2 * n : 2].sum(axis=0)},
+        damping=0.02 * stiffness, force_inputs={"press": -axes[2 * n :].sum(axis=0), "pull": axes[0 : 2 * n : 2].sum(axis=0)},
     )  # fmt: skip
     inputs = {"press": draw.uniform(5.0, 20.0), "pull": sine(0.0, draw.uniform(1.0, 20.0), draw.uniform(0.5, 2.0))}
     step = 1e-3

@@ -50,7 +50,7 @@ def surface(
         Sampled(law(reference=reference), PERIOD, machine.delay, noise={"top.speed": 0.01}, seed=seed),
         inputs={"top.reference": reference},
     )
-    for name, factor in machine.factors:
+    for name, factor in machine.parameter_factors:
         loop = loop.at(name, loop.number(name).value * factor)
     part = loop.number("bit.weight").value / 97e3
     given = shapes.noise(weight * part, varies * weight * part, 0.2, seed=seed + 7) if varies else weight(part)

@@ -94,7 +94,7 @@ PUSH = (np.append(PULSE, 21e-6), np.append(10.0 * np.sin(np.pi * PULSE / 20e-6),
 def located(face: Face, accuracy: float) -> Trajectory:
     """The struck rows with all modes, every event located."""
     body = replace(face.body, ports=tuple(port.replace("x.", "contact.") for port in face.body.ports))
-    slider = ElasticSlider(body, tuple(face.options["load"]), held="back", stiffness=0.0, damping=0.0, friction=FRICTION)
+    slider = ElasticSlider(body, tuple(face.options["load"]), support_port="back", stiffness=0.0, damping=0.0, friction=FRICTION)
     return simulate(compose(slider), 80e-6, inputs={"slider.pull": PUSH}, method="stiff", accuracy=accuracy)
 
 
@@ -148,7 +148,7 @@ def trade(drive: Any, face: Face, settings: Iterable[tuple[int, float]]) -> Iter
 
 
 def _line(face: Face, modes: int, step: float, run: ContactRun, wrong: str, spent: float) -> str:
-    return f"| {face.name} | {modes} | {1e6 * step:g} us | {wrong} | {run.passes[1:].mean():.1f} | {spent:.2g} s |"
+    return f"| {face.name} | {modes} | {1e6 * step:g} us | {wrong} | {run.newton_iterations[1:].mean():.1f} | {spent:.2g} s |"
 
 
 def main() -> None:

@@ -154,8 +154,16 @@ def body_file(folder: Path) -> Path:
 def body_read(path: Path) -> Any:
     """All that a body says."""
     body = ReducedBody.load(path)
-    arrays = [np.asarray(each).tobytes() for each in (body.mass, body.damping, body.stiffness, body.frequencies, body.errors)]
-    return body.ports, arrays, body.band, body.rigid, body.places, body.areas, [body.index(port) for port in body.ports]
+    arrays = [np.asarray(each).tobytes() for each in (body.mass, body.damping, body.stiffness, body.frequencies, body.frequency_errors)]
+    return (
+        body.ports,
+        arrays,
+        body.cutoff_frequency,
+        body.rigid_body_modes,
+        body.contact_positions,
+        body.contact_areas,
+        [body.index(port) for port in body.ports],
+    )
 
 
 def mat_file(folder: Path) -> Path:

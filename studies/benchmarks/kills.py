@@ -144,7 +144,7 @@ def _values(found: Sweep) -> tuple[bytes, ...]:
 def _text(path: Path) -> bytes:
     """What is in a file, without how many points a journal had already."""
     if path.name == "tune.npz":
-        return repr(replace(Tuned.load(path), simulated=0)).encode()
+        return repr(replace(Tuned.load(path), simulated_runs=0)).encode()
     lines = path.read_bytes()
     if path.name != "tune.txt":
         return lines

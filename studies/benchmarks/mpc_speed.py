@@ -35,7 +35,7 @@ from toolbox.modelling.regularisation import regularised
 SPEED, WEIGHT = 4.0, 97_347.0
 PLANT = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
 HEAVIER = {"bit.weight": 1.1 * WEIGHT}
-STATES = {"sensors": ("top.speed", "bit.speed", "chain.twist.0"), "noise": (1e-3, 1e-3, 1e-3)}
+STATES = {"sensors": ("top.speed", "bit.speed", "chain.twist.0"), "sensor_noise": (1e-3, 1e-3, 1e-3)}
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
 
 
@@ -91,10 +91,10 @@ def do_mpc_times(start: dict[str, Any], samples: int = 60) -> list[float]:
     control.settings.supress_ipopt_output()
     target = designed.target @ (SPEED, designed._rock_torque(SPEED))
     e = x - target[:3]
-    stage = ca.sumsqr(designed.Q_rows @ e) / 2 + ((20_000.0 * u - target[3]) / law.torque_size) ** 2 / 2
+    stage = ca.sumsqr(designed.Q_rows @ e) / 2 + ((20_000.0 * u - target[3]) / law.torque_scale) ** 2 / 2
     end = ca.sumsqr(designed.P_rows[:, :3] @ e) / 2
     control.set_objective(mterm=end, lterm=stage)
-    control.set_rterm(u=0.5 * (20_000.0 / law.move_size) ** 2)
+    control.set_rterm(u=0.5 * (20_000.0 / law.torque_step_scale) ** 2)
     control.bounds["lower", "_u", "u"], control.bounds["upper", "_u", "u"] = 0.0, 1.0
     control.setup()
     simulator = do_mpc.simulator.Simulator(model)

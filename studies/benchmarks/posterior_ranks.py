@@ -46,7 +46,7 @@ def ranked(k: int) -> tuple[list[int], int]:
     told = sweep(LOOP, truth, DURATION, metrics=READ)
     data = {name: Normal(float(told[name][0]) + NOISE * rng.standard_normal(), NOISE) for name in READ}
     found = posterior(LOOP, data, PRIORS, DURATION, metrics=READ, draws=DRAWS, seed=k)
-    some = found.points[rng.permutation(DRAWS)[: BINS - 1]]
+    some = found.samples[rng.permutation(DRAWS)[: BINS - 1]]
     return (some < truth.points[0]).sum(axis=0).tolist(), found.runs
 
 

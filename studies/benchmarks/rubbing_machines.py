@@ -94,7 +94,7 @@ class Machine(Component):
             laws = {
                 "Coulomb": lambda i: Coulomb(static=self.static[i], kinetic=self.kinetic[i]),
                 "Exponential": lambda i: Exponential(static=self.static[i], kinetic=self.kinetic[i], decay=1.0 / self.speed[i]),
-                "Drop": lambda i: Drop(static=self.static[i], kinetic=self.kinetic[i], speed=self.speed[i]),
+                "Drop": lambda i: Drop(static=self.static[i], kinetic=self.kinetic[i], drop_speed=self.speed[i]),
             }
             pressed = (
                 elements[int(load)].force if load.isdigit() else signal(f"machine.load{i}", "1", default=1.0) if load == "input" else 1.0

@@ -114,8 +114,8 @@ def outcome(model: str, interval: float, members: int = 64) -> Outcome:
     period = string_period(string)
     inside = (found.time > begin + 4.0 * period) & (found.time < end)  # three periods are needed to tell a swing
     outside = ((found.time > 60.0) & (found.time < begin - period)) | (found.time > end + 6.0 * period)  # it rings on
-    shares = [float(found.alarm[part].mean()) for part in (inside, outside)]
-    return Outcome(model, interval, period / interval, *shares, float(found.slow.mean()), found.notes)
+    shares = [float(found.stick_slip[part].mean()) for part in (inside, outside)]
+    return Outcome(model, interval, period / interval, *shares, float(found.sampling_too_slow.mean()), found.notes)
 
 
 def string_period(string: TorsionalChain) -> float:

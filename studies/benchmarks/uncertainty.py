@@ -77,7 +77,7 @@ def basins(repeats: int, runs: int) -> None:
             ratios.append(other / one)
         print(
             f"basin        belt at {belt_speed:5g} m/s: {other:.3f} s, sweep {one:.3f} s, median ratio {np.median(ratios):.2f}; {runs} runs, "
-            f"{first.judged} of them by the judge",
+            f"{first.judged_runs} of them by the judge",
             flush=True,
         )
 

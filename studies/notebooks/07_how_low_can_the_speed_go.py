@@ -26,10 +26,10 @@ from toolbox.drilling.set_points import PROTOCOLS
 
 shown = ("stiff PI", "soft torque", "impedance, tuned", "LQG", "LQG, tuned")
 every = laws()
-groups = {name: replace(GROUPS[name], phases=(0.0, 0.5), seeds=GROUPS[name].seeds[:1]) for name in ("nominal", "one_at_a_time")}
+groups = {name: replace(GROUPS[name], takeover_phases=(0.0, 0.5), seeds=GROUPS[name].seeds[:1]) for name in ("nominal", "one_at_a_time")}
 found = {
     label: {
-        f"{name}, {way}": lowest(every[label], group, way, step=1.0, lower=2.0, lasts=False).speed
+        f"{name}, {way}": lowest(every[label], group, way, step=1.0, lower=2.0, lasts=False).lowest_set_point
         for name, group in groups.items()
         for way in PROTOCOLS
     }

@@ -20,7 +20,9 @@ from studies.benchmarks.mpc_speed import HEAVIER, LIMITS, PLANT, SPEED, STATES
 from toolbox import plot, simulate
 
 laws = {
-    "tanh, lowered peak": NonlinearMPC(reference=SPEED, width=0.5, matched=False, adapt=False, patience=1e6, **LIMITS, **STATES),
+    "tanh, lowered peak": NonlinearMPC(
+        reference=SPEED, width=0.5, match_static_peak=False, adapt_rock_strength=False, fallback_time=1e6, **LIMITS, **STATES
+    ),
     "matched peak": NonlinearMPC(reference=SPEED, width=0.2, **LIMITS, **STATES),
     "exact modes": NonlinearMPC(reference=SPEED, **LIMITS, **STATES),
 }

@@ -46,7 +46,7 @@ print(log.windows(["top.torque", "bit.weight"], max_gap=4))
 before = log.between(0.0, 19.96)
 laws = {
     "exponential": Exponential(),
-    "Gaussian": GaussianStribeck(static=0.8, kinetic=0.5, speed=1.3),
+    "Gaussian": GaussianStribeck(static=0.8, kinetic=0.5, stribeck_speed=1.3),
     "constant": Coulomb(static=0.8, kinetic=0.5),
 }
 models, data, read = {}, {}, {}

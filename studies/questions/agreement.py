@@ -189,7 +189,7 @@ class Case:
         inside, found = self.onset.loss - 0.05, []
         for start in (None, self.kicked(inside, GROWN)):
             cycle = limit_cycle(simulate(self.loop.at(PARAMETER, inside), 600.0, start=start, accuracy=1e-9))
-            ahead = follow(cycle, PARAMETER, (inside, 1.5 * self.onset.end), towards=1.5 * self.onset.end, points=200)
+            ahead = follow(cycle, PARAMETER, (inside, 1.5 * self.onset.end), start_towards=1.5 * self.onset.end, points=200)
             found += [point.value for point in ahead.bifurcations]
         return min(found, key=lambda value: abs(value - self.onset.end), default=math.nan)
 

@@ -104,7 +104,7 @@ def by_follow(case: Case) -> float:
         return math.nan
     cycle = limit_cycle(simulate(case.plant, 400.0, controller=case.law, inputs={case.parameter: case.sticks}, accuracy=1e-9))
     goal = case.sticks * (0.5 if case.stalls else 3.0)
-    branch = follow(cycle, case.parameter, (min(case.sticks, goal), max(case.sticks, goal)), towards=goal, points=300)
+    branch = follow(cycle, case.parameter, (min(case.sticks, goal), max(case.sticks, goal)), start_towards=goal, points=300)
     folds = [point.value for point in branch.bifurcations]
     if case.stalls:  # folds on the way, past which the branch attracts again, are not where stick-slip ends
         return float(min(value for value, stable in zip(branch.values, branch.stable, strict=True) if stable))

@@ -40,9 +40,9 @@ PLANT = compose(wells.JANSEN_2, BitRock())
 
 def laws() -> dict[str, SlidingSurface]:
     """The laws by name; a boundary layer of 1e-9 rad/s is a sign."""
-    shared = {"reference": 8.0, "reaching": REACHING, "inertia": INERTIA, "drag": DRAG}
+    shared = {"reference": 8.0, "reaching_rate": REACHING, "inertia": INERTIA, "drag": DRAG}
     return {
-        "explicit": SlidingMode(width=1e-9, **shared),
+        "explicit": SlidingMode(boundary_layer=1e-9, **shared),
         "implicit": ImplicitSlidingMode(**shared),
         "super-twisting": SuperTwisting(disturbance_rate=1.0, **shared),
     }

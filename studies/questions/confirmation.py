@@ -117,16 +117,16 @@ class Compiled:
         first, samples = round((last + SETTLING) / every), round((last + SETTLING + judged) / every)
         chain, gaussian = wells.JANSEN_2, rig.plant is not None
         rock = ROCKS["Gaussian"] if gaussian else ROCK
-        numbers = {name: dict(rig.factors).get(name, 1.0) * float(DECLARED.number(name).value) for name in NUMBERS}
+        numbers = {name: dict(rig.parameter_factors).get(name, 1.0) * float(DECLARED.number(name).value) for name in NUMBERS}
         if isinstance(rock.friction, GaussianStribeck):
-            numbers["bit.friction.decay"] = 1.0 / rock.friction.speed
+            numbers["bit.friction.decay"] = 1.0 / rock.friction.stribeck_speed
         found = np.zeros(7)
         arrays = [
             np.array([
                 numbers["chain.inertia.0"], numbers["chain.inertia.1"], numbers["chain.stiffness.0"], chain.damping[0], chain.top_drag, chain.bit_drag,
                 numbers["bit.weight"] * rock.radius, rock.friction.static, rock.friction.kinetic, numbers["bit.friction.decay"], 1.0 + gaussian,
             ]),
-            np.zeros(3), noise, varied(rig.weight, samples, every, seed), np.array(times, float), np.array(values, float),
+            np.zeros(3), noise, varied(rig.weight_variation, samples, every, seed), np.array(times, float), np.array(values, float),
             np.array([round(hoist[0] / every), hoist[1] * every]), np.array(list(LIMITS.values())), found,
         ]  # fmt: skip
         p, x, noisy, weight, nodes, heights, moved, limits, out = (array.ctypes.data_as(ctypes.c_void_p) for array in arrays)
@@ -161,11 +161,11 @@ def runs(
     """(why it fails, empty for a success, and what was measured) of one run of a group after the other."""
     for seed in group.seeds:
         for rig in group.machines:
-            for phase in group.phases:
+            for phase in group.takeover_phases:
                 drawn = [seed + SHIFTED, round(8 * phase)]
                 noise = group.noise * np.random.default_rng(drawn).standard_normal(120_000)
-                numbers = made.numbers(rig, way, phase, noise, seed=[*drawn, 1], step=step, judged=group.judged, hoist=hoist)
-                why = verdict(numbers, made.reference, group.noise, rig.weight is not None)
+                numbers = made.numbers(rig, way, phase, noise, seed=[*drawn, 1], step=step, judged=group.judged_time, hoist=hoist)
+                why = verdict(numbers, made.reference, group.noise, rig.weight_variation is not None)
                 yield f"{rig.name}, seed {seed + SHIFTED}, phase {phase:g}: {why}" if why else "", numbers
 
 

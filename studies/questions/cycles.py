@@ -43,7 +43,7 @@ def reach(cycle: Cycle, points: int = 250) -> Branch:
 
 def onwards(cycle: Cycle, points: int = 45) -> Branch:
     """The same branch the other way, to slow set-points, where the bit sticks for most of the time."""
-    return follow(cycle, "pi.reference", (2.0, 20.0), points=points, towards=2.0, step=0.04)
+    return follow(cycle, "pi.reference", (2.0, 20.0), points=points, start_towards=2.0, step=0.04)
 
 
 def differences(cycle: Cycle, by: float = 1e-6) -> np.ndarray:

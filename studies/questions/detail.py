@@ -115,7 +115,7 @@ def answers(elements: int, along: bool = True, collar: bool = False) -> Answers:
     """All answers of a level; collar: with the sideways motion of the lowest collar between its stabilisers."""
     string, sections = well(elements, along)
     sideways = (WhirlingCollar(weight=0.0),) if collar else ()  # off bottom
-    plant = compose(dataclasses.replace(string, collar=elements if collar else None), *sideways)
+    plant = compose(dataclasses.replace(string, collar_index=elements if collar else None), *sideways)
     element = f"chain.{elements}"
     spent: list[float] = []
     while len(spent) < 2 or (len(spent) < 9 and sum(spent) < 2.0):  # the first one compiles

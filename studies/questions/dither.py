@@ -200,7 +200,7 @@ def cures(rig: Rig) -> dict[str, dict[str, Any]]:
     excitation = 1.2 * dither.amplitude * abs(stiffness - mass * omega**2) / omega
     taken = falling(rig)
     absorber = replace(
-        Absorber.tuned(Block(mass=mass, stiffness=stiffness), 0.1 if rig is LEINE else 0.02), on=rig.position.partition(".")[0]
+        Absorber.tuned(Block(mass=mass, stiffness=stiffness), 0.1 if rig is LEINE else 0.02), attached_to=rig.position.partition(".")[0]
     )
     return found | {
         "tangential": {"inputs": {rig.push: sine(0.0, 1.2 * dither.force, dither.frequency)}},

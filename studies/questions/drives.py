@@ -83,7 +83,7 @@ KINDS = (
 BETWEEN, PLACES = 0.25, 5
 """Where the row "LQG, between, lifting" stands between the gains that are tuned without a lift and with it: of so many places that were tried, the one that
 leaves the largest least of `gains.margins_at`."""
-GENTLE = {"first_factor": 1.6, "rise": 0.3, "speed_limit_factor": 1.7, "min_speed_limit": 6.8}
+GENTLE = {"first_factor": 1.6, "raise_rate": 0.3, "speed_limit_factor": 1.7, "min_speed_limit": 6.8}
 """Numbers of its lift, by which the top stays below twice what is asked from 4 rad/s on."""
 TABLE = Path(__file__).parents[2] / "docs" / "drives.csv"
 """The rows that stand in the docs."""
@@ -142,7 +142,7 @@ def groups_of(law: Trial) -> dict[str, Group]:
     """The groups of rigs for a law, with fewer phases and seeds where it is judged briefly."""
     if not briefly(law.label):
         return GROUPS
-    return {name: replace(group, phases=group.phases[::4], seeds=group.seeds[:1]) for name, group in GROUPS.items()}
+    return {name: replace(group, takeover_phases=group.takeover_phases[::4], seeds=group.seeds[:1]) for name, group in GROUPS.items()}
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class Row:
 def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = None, margin: float = 0.0) -> Row:
     """The line of a law with some of the groups; margin: disk margin that its set-points have to leave."""
     brief = briefly(law.label)
-    groups = [replace(groups_of(law)[name], margin=margin) for name in names]
+    groups = [replace(groups_of(law)[name], min_disk_margin=margin) for name in names]
     found = borders(law, groups, cells=cells, lower=LOWEST, higher=HIGHEST, step=0.5 if brief else 0.1, lasts=not brief)
     quiet = law.run(Machine("nominal"), COMMON, noise=0.0)
     speed = quiet.at(np.arange(law.takeover(COMMON), quiet.end, 0.02))["bit.speed"]
@@ -177,9 +177,9 @@ def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = 
     torque = noisy.at(np.arange(noisy.end - 60.0, noisy.end, law.period) + law.period / 2)["top.torque"]
     ripple = float(torque.std() / torque.mean())
     declared, robust = (found.get((name, "takeover"), SetPointLimit(np.nan, "")) for name in ("nominal", "one_at_a_time"))
-    speeds = {name: (found[name, "takeover"].speed, found[name, "ramp"].speed) for name in names}
+    speeds = {name: (found[name, "takeover"].lowest_set_point, found[name, "ramp"].lowest_set_point) for name in names}
     overshoot = float(speed.max() / COMMON - 1.0)
-    held, price = (declared.margin, robust.margin), (declared.recovery, declared.fastest / declared.speed)
+    held, price = (declared.disk_margin, robust.disk_margin), (declared.recovery_time, declared.max_bit_speed / declared.lowest_set_point)
     return Row(law.label, speeds, settling, overshoot, ripple, step_time(law, COMMON), held, *price)
 
 

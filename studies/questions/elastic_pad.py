@@ -38,7 +38,7 @@ def lining(friction: float = 0.5, damping_time: float = 2e-6) -> ElasticPad:
     damper = 2 * 0.01 * math.sqrt(mount * 2500.0 * 0.08 * 0.02 * 0.04)
     mounted = reduced.mounted({"x": (mount, damper), "y": (mount, damper)})
     return ElasticPad(
-        mounted, (5e-6,) * CONTACTS, contact_stiffness=2e8 / CONTACTS, disc_speed=2.0, friction=Coulomb(friction, friction), pushed="y"
+        mounted, (5e-6,) * CONTACTS, contact_stiffness=2e8 / CONTACTS, disc_speed=2.0, friction=Coulomb(friction, friction), force_ports="y"
     )
 
 

@@ -73,7 +73,7 @@ def face_body(divisions: int = 10, band: float = 0.0) -> ReducedBody:
     nodes = body.on("bottom")
     ports = {f"{axis}.{i}": body.point(node, axis) for axis in "xyz" for i, node in enumerate(nodes)}
     ports |= {"back": body.mean("left", "x"), "top": body.mean("top", "z"), "top.along": body.mean("top", "x")}
-    return replace(body.reduced(ports, band), places=body.nodes[nodes], areas=body.faces["bottom"][nodes])
+    return replace(body.reduced(ports, band), contact_positions=body.nodes[nodes], contact_areas=body.faces["bottom"][nodes])
 
 
 def face_problem(
@@ -82,7 +82,7 @@ def face_problem(
     """The cube on its plate with a contact under every node of its face, in the modes of a band [Hz]."""
     friction = Exponential(static=pull.friction * MU, kinetic=pull.friction * 0.25, decay=1.0)
     return ElasticFace(
-        face_body(divisions, band), ("x", "y"), "z", pushed=("top", "top.along"), held="back", stiffness=mount[0], damping=pull.damping * mount[1],
+        face_body(divisions, band), ("x", "y"), "z", force_ports=("top", "top.along"), support_port="back", stiffness=mount[0], damping=pull.damping * mount[1],
         friction=friction,
     ).problem()  # fmt: skip
 

@@ -81,7 +81,7 @@ def borders(drive: Drive) -> Onset:
 def steady(drive: Drive) -> Branch:
     """Steady drilling under a sampled law, from a free set-point downward, as a cycle of one sample time."""
     begin = limit_cycle(drive.at(drive.free), 300.0, period=drive.sample_time)
-    return follow(begin, drive.reference, RANGE, points=80, towards=RANGE[0], step=0.05)
+    return follow(begin, drive.reference, RANGE, points=80, start_towards=RANGE[0], step=0.05)
 
 
 def hopf(drive: Drive) -> float:
@@ -95,19 +95,19 @@ def hopf(drive: Drive) -> float:
 def cycles(drive: Drive, points: int = 300) -> Branch:
     """The stick-slip cycle of a continuous law as the set-point rises, past the end of stick-slip and back along unstable cycles."""
     return follow(
-        limit_cycle(simulate(drive.at(drive.sticks), 300.0, accuracy=1e-9)), drive.reference, RANGE, points=points, towards=RANGE[1]
+        limit_cycle(simulate(drive.at(drive.sticks), 300.0, accuracy=1e-9)), drive.reference, RANGE, points=points, start_towards=RANGE[1]
     )
 
 
 @cache
 def slow(drive: Drive) -> Branch:
     """The same cycle as the set-point falls."""
-    return follow(cycles(drive).cycles[0], drive.reference, RANGE, points=60, towards=RANGE[0], step=0.04)
+    return follow(cycles(drive).cycles[0], drive.reference, RANGE, points=60, start_towards=RANGE[0], step=0.04)
 
 
 def rest_of(drive: Drive) -> Branch:
     """What `cycles` has not reached: the unstable cycles on towards the Hopf speed."""
-    return follow(cycles(drive).cycles[-1], drive.reference, RANGE, points=300, towards=RANGE[0])
+    return follow(cycles(drive).cycles[-1], drive.reference, RANGE, points=300, start_towards=RANGE[0])
 
 
 def lost(branch: Branch) -> tuple[str, float]:

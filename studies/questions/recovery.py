@@ -57,7 +57,7 @@ STALL, AGAIN = 60.0, 15.0
 """Length of a stall, and from when after its end on the top speed counts [s]."""
 HELD = 4.0
 """Factor of the weight in a stall: the torque at rest is more than the drive has."""
-RELIEVING = {"first_factor": 1.3, "factor_step": 0.25, "rise": 0.2, "relief": 0.4}
+RELIEVING = {"first_factor": 1.3, "factor_step": 0.25, "raise_rate": 0.2, "weight_relief": 0.4}
 """Numbers of a lift that takes weight off as well: it is smaller and slower than one that does not."""
 LIFTS = ", lifting"
 """What the labels of their rows and families end with in the drive table."""
@@ -136,7 +136,7 @@ def recovered(law: Trial, reference: float, phase: float) -> tuple[float, float,
     """(highest top speed over what is asked, time until the last stick, time until the top is no longer 10 % too fast, weight given up) of a takeover."""
     run, at = law.run(Machine("nominal"), reference, seed=7, phase=phase), law.takeover(reference, phase)
     fast = run.time[(run.time > at) & (run["top.speed"] > ABOVE * reference)]
-    off = measure.extent(run, "lifting.relief", at).mean if getattr(law.clock.law, "relief", None) else 0.0
+    off = measure.extent(run, "lifting.relief", at).mean if getattr(law.clock.law, "weight_relief", None) else 0.0
     return highest(run, at) / reference, last_stick(run, at), float(fast[-1]) - at if fast.size else 0.0, off
 
 
@@ -227,7 +227,7 @@ def beside(label: str, names: Sequence[str], known: Path | None = None) -> list[
         borders(law, groups, cells=Cells(known), lower=LOWEST, higher=HIGHEST)
         for law in (trial(label, inner), trial(row, lifted(label).clock.law))
     )
-    return [Beside(label, *key, held.speed, lifting[key].speed) for key, held in alone.items()]
+    return [Beside(label, *key, held.lowest_set_point, lifting[key].lowest_set_point) for key, held in alone.items()]
 
 
 def picture(path: Path, shown: Sequence[str] = SHOWN) -> None:

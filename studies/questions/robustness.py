@@ -124,20 +124,21 @@ def working_table(speed: float = WORKING) -> str:
     lines = [head, "-" * len(head)]
     for label in LAWS:
         found = found_at(label, speed)
-        row = found.loops[0] if found.measured is None else found.measured
-        delay = row.delay_margin if found.measured is None else row.delay
-        phase = math.degrees(found.loops[0].phase_margin)
+        row = found.loop_margins[0] if found.simulated_margins is None else found.simulated_margins
+        delay = row.delay_margin if found.simulated_margins is None else row.delay
+        phase = math.degrees(found.loop_margins[0].phase_margin)
         gain = f"{shown(row.lowest_gain)} .. {shown(row.highest_gain)}"
         cells = [shown(found.disk_margin), shown(found.peak_sensitivity), gain, shown(phase, unit=" deg"), shown(1e3 * delay, unit=" ms")]
         lines.append(
-            f"{label:<32}{cells[0]:>8}{cells[1]:>8}{cells[2]:>16}{cells[3]:>10}{cells[4]:>10}" + (" measured" if found.measured else "")
+            f"{label:<32}{cells[0]:>8}{cells[1]:>8}{cells[2]:>16}{cells[3]:>10}{cells[4]:>10}"
+            + (" measured" if found.simulated_margins else "")
         )
     return "\n".join(lines)
 
 
 def absorbers() -> tuple[float, float]:
     """Set-points [rad/s] down to which an ideal absorber reaches: one of any inertia, and one on the inertia of the drive."""
-    free, own = (absorber_limit(PLANT, (1.0, 8.0), own_inertia=own).speed for own in (False, True))
+    free, own = (absorber_limit(PLANT, (1.0, 8.0), keep_inertia=own).speed for own in (False, True))
     return free, own
 
 

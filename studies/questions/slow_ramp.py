@@ -54,7 +54,7 @@ class String:
         elif hasattr(law, "proportional"):
             kind, gains = PI_LAW, [law.proportional, law.integral]
         else:
-            kind, gains = SLIDING_LAW, [law.surface, law.reaching, law.width, law.inertia, law.drag]
+            kind, gains = SLIDING_LAW, [law.surface_gain, law.reaching_rate, law.boundary_layer, law.inertia, law.drag]
         load, f = rock.weight * rock.radius, rock.friction
         arrays = [np.array(part, float) for part in (chain.inertia, chain.stiffness, chain.damping)]
         numbers = np.array([load * f.static, load * f.kinetic, f.decay], float)

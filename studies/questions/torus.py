@@ -58,7 +58,7 @@ def dithered(speed: float = 0.5, depth: float = DEPTH) -> Cycle:
 
 def slowing(cycle: Cycle) -> Branch:
     """That cycle as the belt slows down."""
-    return follow(cycle, "block.belt_speed", (0.3, 0.6), points=60, towards=0.3)
+    return follow(cycle, "block.belt_speed", (0.3, 0.6), points=60, start_towards=0.3)
 
 
 def struck(speed: float, settle: int = 2000, count: int = 400) -> np.ndarray:
@@ -81,7 +81,7 @@ def entrained(amplitude: float = 2.0) -> Cycle:
 
 def loosening(cycle: Cycle, points: int = 45) -> Branch:
     """That cycle as the swing of the set-point gets smaller."""
-    return follow(cycle, "top.reference.amplitude", (0.3, 3.5), points=points, towards=0.3)
+    return follow(cycle, "top.reference.amplitude", (0.3, 3.5), points=points, start_towards=0.3)
 
 
 def strobed(cycle: Cycle, amplitude: float, count: int = 600) -> np.ndarray:

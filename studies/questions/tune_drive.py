@@ -120,13 +120,13 @@ def tuned_pi(runs: int, journal: Path | None = None) -> Tuned:
 def tuned_lqg(runs: int, journal: Path | None = None) -> Tuned:
     """Front of the LQG drive over the sizes that count in its objective."""
     given = LQG(reference=SET_POINT, delay_samples=round(DELAY / 0.01), speed_noise=NOISE, **LIMITS)
-    bounds = {"lqg.top_size": (0.3, 30.0), "lqg.bit_size": (0.3, 30.0), "lqg.angle_size": (1.0, 100.0)}
+    bounds = {"lqg.top_speed_scale": (0.3, 30.0), "lqg.bit_speed_scale": (0.3, 30.0), "lqg.angle_scale": (1.0, 100.0)}
     return tune(drill_strings(), measured(given), OBJECTIVES, bounds, runs=runs, checkpoint=journal)
 
 
 def tuned_sliding_mode(runs: int, journal: Path | None = None) -> Tuned:
     """Front of a sliding mode on the whirling collar, from a gain that ends stick-slip and strikes the wall."""
-    given = SlidingMode(reference=whirl.REFERENCE, surface=0.6, reaching=1.0)
+    given = SlidingMode(reference=whirl.REFERENCE, surface_gain=0.6, reaching_rate=1.0)
     objectives = {"lowest set-point [rad/s]": lowest_set_point, "impacts": impacts}
     return tune(
         collar(), given, objectives, {"slidingmode.surface": (0.02, 1.6), "slidingmode.reaching": (0.1, 4.0)}, runs=runs, checkpoint=journal

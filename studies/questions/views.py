@@ -69,7 +69,7 @@ def drags() -> dict[str, TorqueDrag]:
         "pulled": torque_drag(*tables, 0.3, axial_speed=-1.0),
         "lowered": torque_drag(*tables, 0.3, axial_speed=1.0),
         "turned": turned,
-        "wound up, half torque": torque_drag(*tables, 0.3, turning_speed=1.0, at_top=0.5 * float(turned.torque[0])),
+        "wound up, half torque": torque_drag(*tables, 0.3, turning_speed=1.0, load_at_top=0.5 * float(turned.torque[0])),
     }
 
 

@@ -8,7 +8,7 @@ Gains are those of the drive table on `JANSEN_2`, counted in parts of the string
 
     om = lowest frequency of the string below a drive that does not turn,   zeta = k / om,   k = stiffness of all springs in series
 
-    proportional, torque_size ~ zeta    integral ~ J om^2    angle_size ~ 1 / om    torque_walk ~ zeta sqrt(om)    drive_walk ~ J    sizes of speeds ~ 1
+    proportional, torque_scale ~ zeta    integral ~ J om^2    angle_scale ~ 1 / om    torque_walk ~ zeta sqrt(om)    drive_walk ~ J    sizes of speeds ~ 1
 
 Why two go with J: the integral of an impedance cancels the inertia of its drive at om; the filter follows the measured speed at
 drive_walk / (J noise sqrt(period)) [1/s], which a sample of 10 ms bounds.
@@ -64,8 +64,8 @@ TORQUE_SIZE = 3000.0
 POWERS = {
     "proportional": (1.0, 0.0, 0.0),
     "integral": (0.0, 2.0, 1.0),
-    "torque_size": (1.0, 0.0, 0.0),
-    "angle_size": (0.0, -1.0, 0.0),
+    "torque_scale": (1.0, 0.0, 0.0),
+    "angle_scale": (0.0, -1.0, 0.0),
     "torque_process_noise": (1.0, 0.5, 0.0),
     "drive_process_noise": (0.0, 0.0, 1.0),
 }
@@ -118,7 +118,7 @@ def scaled(numbers: Mapping[str, float], chain: TorsionalChain) -> dict[str, Any
 def numbers() -> dict[str, dict[str, Any]]:
     """The gains of the drive table that are scaled, by the label of their law."""
     return {
-        "LQG, between, lifting": gains.between("LQG", "LQG, lifting", BETWEEN) | {"torque_size": TORQUE_SIZE},
+        "LQG, between, lifting": gains.between("LQG", "LQG, lifting", BETWEEN) | {"torque_scale": TORQUE_SIZE},
         "impedance, tuned, lifting": gains.stored("impedance, lifting"),
     }
 
@@ -159,8 +159,8 @@ def trial(chain: TorsionalChain, label: str) -> Trial:
 def groups(tried: Trial, full: bool = False) -> list[Group]:
     """The declared well and those beside it, with few phases and one seed unless the protocol is full."""
     every = machine_groups(tried.loop, NOISE, DELAY)
-    chosen = [replace(every[name], margin=MARGIN) for name in GROUPS]
-    return chosen if full else [replace(each, phases=(0.0, 0.5), seeds=each.seeds[:1]) for each in chosen]
+    chosen = [replace(every[name], min_disk_margin=MARGIN) for name in GROUPS]
+    return chosen if full else [replace(each, takeover_phases=(0.0, 0.5), seeds=each.seeds[:1]) for each in chosen]
 
 
 @dataclass(frozen=True)
@@ -176,11 +176,14 @@ class Row:
     def flat(self) -> dict[str, Any]:
         """The row as one level of names."""
         declared, robust = (self.found[name, "takeover"] for name in GROUPS)
-        speeds = {f"{name} {way}": self.found[name, way].speed for name in GROUPS for way in PROTOCOLS if (name, way) in self.found}
+        speeds = {
+            f"{name} {way}": self.found[name, way].lowest_set_point for name in GROUPS for way in PROTOCOLS if (name, way) in self.found
+        }
         return {
             "well": self.well, "label": self.label, **speeds,
-            "disk margin": declared.margin, "disk margin, one_at_a_time": robust.margin, "weakest": robust.weakest,
-            "recovery": declared.recovery, "recovery, one_at_a_time": robust.recovery, "fastest, one_at_a_time": robust.fastest / robust.speed,
+            "disk margin": declared.disk_margin, "disk margin, one_at_a_time": robust.disk_margin, "weakest": robust.weakest_plant,
+            "recovery": declared.recovery_time, "recovery, one_at_a_time": robust.recovery_time,
+            "fastest, one_at_a_time": robust.max_bit_speed / robust.lowest_set_point,
             "below, nominal": declared.why, "below, one_at_a_time": robust.why,
             "gains": ", ".join(f"{name} {value:g}" for name, value in self.numbers.items()), "judged": self.judged,
         }  # fmt: skip
@@ -192,7 +195,7 @@ def row(name: str, label: str, full: bool = False, cells: Cells | None = None, w
     tried = trial(chain, label)
     law = tried.of(8.0).law
     designed = law.design(tried.plant) if isinstance(law, SoftTorque) else law
-    shown = ("proportional", "integral") if isinstance(designed, PI) else (*gains.stored("LQG"), "torque_size")
+    shown = ("proportional", "integral") if isinstance(designed, PI) else (*gains.stored("LQG"), "torque_scale")
     found = borders(tried, groups(tried, full), ways, cells, LOWEST, higher=HIGHEST, lasts=full)
     return Row(name, label, {each: float(f"{getattr(designed, each):.4g}") for each in shown}, found, FULL if full else BRIEF)
 

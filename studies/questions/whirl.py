@@ -55,7 +55,7 @@ SLIDING = ROCK.radius * WEIGHT * ROCK.friction.kinetic
 
 def rig(weight: float = WEIGHT) -> HybridSystem:
     """The string with its collar under a weight on bit [N]."""
-    return compose(dataclasses.replace(wells.UFRJ_2, collar=-1), dataclasses.replace(ROCK, weight=weight), WhirlingCollar())
+    return compose(dataclasses.replace(wells.UFRJ_2, collar_index=-1), dataclasses.replace(ROCK, weight=weight), WhirlingCollar())
 
 
 @cache
@@ -63,7 +63,7 @@ def driven(gain: float | None, way: str = WAYS[0], weight: float = WEIGHT) -> Tr
     """A run under a sliding mode of that gain [1/s], started in one of the ways, or under the stiff drive, from rest."""
     if gain is None:
         return simulate(rig(weight), DURATION, controller=StiffPI(reference=REFERENCE))
-    law: Any = SlidingMode(reference=REFERENCE, surface=gain, reaching=1.0)
+    law: Any = SlidingMode(reference=REFERENCE, surface_gain=gain, reaching_rate=1.0)
     if way.startswith("ramp"):
         length = RAMPS[WAYS.index(way) - 1]
         return simulate(rig(weight), DURATION, controller=law, inputs={"top.reference": ((0.0, length), (0.0, REFERENCE))})
@@ -221,7 +221,7 @@ def cost_of_a_stiff_wall() -> str:
     """Steps of the explicit method against the stiffness of the wall, on one collar that strikes at 24 rad/s."""
     from models import TorsionalChain
 
-    flywheel = TorsionalChain(inertia=(1e9, 1e9), stiffness=(0.0,), damping=(0.0,), collar=-1)
+    flywheel = TorsionalChain(inertia=(1e9, 1e9), stiffness=(0.0,), damping=(0.0,), collar_index=-1)
     lines = [f"{'wall':<22}{'impacts':>8}{'steps':>8}{'steps/impact':>14}{'in contact':>12}{'time per step':>15}"]
     start = {"chain.speed": (24.0, 24.0)}
     for stiffness in (1e7, 1e8, 1e9, 1e10, 1e11):

@@ -113,7 +113,10 @@ def test_the_force_at_break_away_is_the_static_bound_of_a_law_that_jumps():
     data = {name: run[name] + 0.01 * random.standard_normal(time.size) for name in ("block.speed", "belt.force")}
     guess = belt.with_parameters({"belt.friction.static": 1.5, "belt.friction.kinetic": 0.4})
     found = fit(
-        guess, {"time": time, **data}, ["belt.friction.static", "belt.friction.kinetic"], contact=MeasuredContact("belt", still=0.05)
+        guess,
+        {"time": time, **data},
+        ["belt.friction.static", "belt.friction.kinetic"],
+        contact=MeasuredContact("belt", standstill_speed=0.05),
     )
     assert all(inside(found, {"belt.friction.static": 1.0, "belt.friction.kinetic": 0.6}))
     assert found.misfit.released.sum() == sum(event.before == "stick" for event in run.events)

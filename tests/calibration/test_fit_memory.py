@@ -136,6 +136,6 @@ def test_intervals_along_a_way_that_is_measured_seldom_hold_the_truth_with_what_
         noise = 0.002 * force.std() * np.random.default_rng(seed).standard_normal(force.size)
         data = {"time": time, "belt.force": force + noise, "block.position": run["block.position"]}
         found = fit(block(true), data, free, contact="belt", starts=1)
-        off.append(np.abs(found.values - truth) / (found.factor * found.standard_errors + np.abs(found.sampling)))
+        off.append(np.abs(found.values - truth) / (found.interval_factor * found.standard_errors + np.abs(found.sampling_errors)))
     assert np.mean(np.array(off) <= 1.0) >= 0.95 and np.max(off) < 2.0
     assert np.abs(found.values[:2] / truth[:2] - 1.0).max() < 0.005  # of stiffness and damping

@@ -59,7 +59,7 @@ def test_a_late_force_is_found_from_a_loop_and_biases_its_law_where_it_is_not_fr
     assert max(sigmas(found, TRUTH | {"bit.torque.shift": late}).values()) < 4.0
     wrong = fit(RIG, data, FREE, contact="bit", starts=1)
     off = abs(wrong["bit.friction.static"] - TRUTH["bit.friction.static"])
-    assert off > max(5.0 * found.standard_errors[0], wrong.factor * wrong.standard_errors[0])
+    assert off > max(5.0 * found.standard_errors[0], wrong.interval_factor * wrong.standard_errors[0])
 
 
 def test_late_inputs_and_outputs_are_found_by_simulation(run):

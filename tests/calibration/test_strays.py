@@ -29,11 +29,11 @@ def reversed_speed():
 def test_half_a_per_cent_of_samples_with_reversed_speed_moves_no_number_out_of_its_interval():
     clean = fit(RIG, FOLDER / "rig.csv", FREE, columns=COLUMNS, contact="bit", starts=1)
     found = fit(RIG, reversed_speed(), FREE, contact="bit", starts=1)
-    moved = np.abs(found.values - clean.values) / (clean.factor * clean.standard_errors)
+    moved = np.abs(found.values - clean.values) / (clean.interval_factor * clean.standard_errors)
     assert (moved < 0.5).all() and {name: left_out.sum() for name, left_out in found.outliers.items()} == {"bit.torque": 5}
     assert "5 sample(s) of bit.torque break the law and were left out" in str(found)
     kept = fit(RIG, reversed_speed(), FREE, contact="bit", starts=Search(1, robust=None))  # and without it they do
-    assert (np.abs(kept.values - clean.values) / (clean.factor * clean.standard_errors)).max() > 3.0
+    assert (np.abs(kept.values - clean.values) / (clean.interval_factor * clean.standard_errors)).max() > 3.0
     with pytest.raises(SceneError, match="`robust` must be > 1"):
         fit(RIG, reversed_speed(), FREE, contact="bit", starts=Search(robust=0.5))
 
@@ -58,7 +58,7 @@ def test_equal_static_and_kinetic_friction_is_a_result_without_a_decay(seed):
     belt = compose(BlockOnBelt(belt_speed=0.0, friction=Exponential(static=2.5, kinetic=1.0, decay=1.0)))
     found = fit(belt, data, ["belt.friction.static", "belt.friction.kinetic", "belt.friction.decay"], contact="belt")
     assert found["belt.friction.static"] == pytest.approx(found["belt.friction.kinetic"], rel=1e-12) == pytest.approx(2.0, abs=0.02)
-    assert found.equal == "belt.friction." and found.unidentifiable == ("belt.friction.decay",) and not found.at_bounds
+    assert found.indistinguishable_friction == "belt.friction." and found.unidentifiable == ("belt.friction.decay",) and not found.at_bounds
     printed = str(found)
     assert "are one number: the data do not tell them apart" in printed and "undetermined" in printed and "inf " not in printed
 
@@ -75,14 +75,14 @@ def test_intervals_under_noise_with_a_memory_hold_the_truth_as_often_as_they_say
         found = fit(belt, data, "belt.friction.kinetic", contact="belt", starts=1, ranges={"belt.friction.kinetic": (0.01, 0.5)})
         low, high = found.interval("belt.friction.kinetic")
         hits += low <= 0.4 <= high
-        widths.append((high - low) / 2 / (found.factor * found.residuals[0].rms / np.sqrt(600)))
+        widths.append((high - low) / 2 / (found.interval_factor * found.residuals[0].rms / np.sqrt(600)))
     assert hits >= 51  # of 60, as white noise is held to; intervals that take noise for white hold it in about 30
     assert np.median(widths) == pytest.approx(3.0, rel=0.2)  # sqrt(1.8 / 0.2)
 
 
 def test_a_window_is_fitted_alone_and_the_command_takes_it(tmp_path, capsys, root):
     found = fit(RIG, FOLDER / "rig.csv", "bit.friction.kinetic", columns=COLUMNS, contact="bit", window=("10 s", 30.0), starts=1)
-    assert "over 20 s" in found.measured
+    assert "over 20 s" in found.data_description
     with pytest.raises(SceneError, match="`window` must be two times"):
         fit(RIG, FOLDER / "rig.csv", "bit.friction.kinetic", columns=COLUMNS, contact="bit", window=(1.0,))
     columns = [word for name, heading in COLUMNS.items() for word in ("--column", f"{name}={heading}")]
@@ -108,7 +108,7 @@ def test_the_force_at_break_away_is_found_whether_it_drops_there_or_not(static, 
     found = fit(guess, log, ["belt.friction.static", "belt.friction.kinetic"], contact="belt")
     assert abs(found["belt.friction.static"] - static) < within
     assert abs(found["belt.friction.kinetic"] - 0.5) < 0.001
-    assert (found.equal != "") == (static == 0.5)
+    assert (found.indistinguishable_friction != "") == (static == 0.5)
 
 
 @pytest.mark.parametrize(("static", "within"), [(0.7, 0.002), (0.55, 0.01)])
@@ -122,7 +122,7 @@ def test_forces_at_break_away_are_told_between_samples_where_the_pull_rises_by_a
     guess = compose(BlockOnBelt(belt_speed=0.0, stiffness=30.0, load=5.0, friction=Coulomb()))
     log = {"time": time, "block.speed": run["block.speed"], "belt.force": force}
     found = fit(guess, log, ["belt.friction.static", "belt.friction.kinetic"], contact="belt")
-    assert not found.equal and not found.outliers and abs(found["belt.friction.static"] - static) < within
+    assert not found.indistinguishable_friction and not found.outliers and abs(found["belt.friction.static"] - static) < within
     low, high = found.interval("belt.friction.static")
     assert low < static < high
 

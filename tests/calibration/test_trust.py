@@ -24,7 +24,7 @@ def test_null_values_of_logs_are_marked_and_left_out_in_whatever_unit(null, tmp_
         assert recording.found("block.speed") == {"null": 2}
         assert np.flatnonzero(np.isnan(recording.signals["block.speed"])).tolist() == [6, 9]
         found = fit(SLIDER, recording, "belt.friction.kinetic", contact="belt")
-        assert "18 measured values" in found.measured
+        assert "18 measured values" in found.data_description
 
 
 def recorded(step):
@@ -38,12 +38,12 @@ def recorded(step):
 
 def test_inputs_that_are_sampled_too_coarsely_for_the_intervals_are_told_with_what_they_cost():
     fine, coarse = (fit(SLIDER, recorded(step), "block.mass", starts=1) for step in (0.0025, 0.15))
-    assert abs(fine.sampling[0]) < fine.factor * fine.standard_errors[0] and "less sure" not in str(fine)
-    assert abs(coarse.sampling[0]) > coarse.factor * coarse.standard_errors[0]
+    assert abs(fine.sampling_errors[0]) < fine.interval_factor * fine.standard_errors[0] and "less sure" not in str(fine)
+    assert abs(coarse.sampling_errors[0]) > coarse.interval_factor * coarse.standard_errors[0]
     assert "`block.mass` is less sure than its interval says" in str(coarse)
     off = abs(coarse["block.mass"] - 1.0)
-    assert off > coarse.factor * coarse.standard_errors[0]  # it is right to say so,
-    assert 0.3 * off < abs(coarse.sampling[0]) < 3.0 * off  # and by how much
+    assert off > coarse.interval_factor * coarse.standard_errors[0]  # it is right to say so,
+    assert 0.3 * off < abs(coarse.sampling_errors[0]) < 3.0 * off  # and by how much
 
 
 def test_residuals_that_repeat_themselves_say_how_many_times_too_narrow_intervals_are():

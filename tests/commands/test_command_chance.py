@@ -162,7 +162,7 @@ def test_an_onset_of_numbers_that_are_distributions_is_one_of_draws(rig, tmp_pat
     printed = capsys.readouterr().out
     assert "from 40 to 200 rpm: Two inertias, 12 draws" in printed and "bit.weight known as 90 kN +- 8.1 kN" in printed
     found = UncertainOnset.load(out / "drawn_onset.npz")
-    assert list(found.borders) == ["stiff PI"] and found.points.shape == (12, 1)
+    assert list(found.onset_values) == ["stiff PI"] and found.points.shape == (12, 1)
     names = {f"drawn_onset.{kind}" for kind in ("txt", "csv", "npz", "png")}
     assert {path.name for path in out.iterdir()} == {*names, "scene.toml", "origin.json"}
     assert main([*asked, "--uncertainty", "bit.weight=90 kN +- 9 %", "--at", "90 rpm"]) == 2

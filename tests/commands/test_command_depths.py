@@ -82,7 +82,12 @@ def test_the_windows_are_those_of_the_verb_and_the_report_reads_them(root, tmp_p
     assert main([*asked, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     found = Windows.load(out / "windows.npz")
-    assert str(found) in printed and found.depths == (2000.0,) and found.along.tolist() == [80_000.0] and (found.smooth <= found.free).all()
+    assert (
+        str(found) in printed
+        and found.depths == (2000.0,)
+        and found.second_values.tolist() == [80_000.0]
+        and (found.smooth_from <= found.free_from).all()
+    )
     assert {each.name for each in out.iterdir()} == {
         "origin.json",
         "scene.toml",

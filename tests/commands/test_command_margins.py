@@ -15,9 +15,9 @@ def test_margins_and_the_smallest_error_are_those_of_the_verbs(root, tmp_path, c
     assert main([*asked, "--uncertainty", "top.reference=60 rpm:100 rpm", "--duration", "80", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     loop = Scene.load(root / JANSEN)["softer PI, 100 Hz"]
-    assert Margins.load(out / "03_softer_pi_100_hz_margins.npz").loops == margins(loop).loops
+    assert Margins.load(out / "03_softer_pi_100_hz_margins.npz").loop_margins == margins(loop).loop_margins
     error = SmallestError.load(out / "03_softer_pi_100_hz_error.npz")
-    assert str(error) in printed and error.size < 1.0 and 60 < error.numbers[0].value(error.error[0]) * 9.5493 < 95
+    assert str(error) in printed and error.size < 1.0 and 60 < error.parameters[0].value(error.error[0]) * 9.5493 < 95
     assert {each.name for each in out.iterdir()} == {
         "margins.txt", "scene.toml", "origin.json", *(f"03_softer_pi_100_hz_{what}.{end}" for what in ("margins", "error") for end in ("npz", "csv", "png")),
     }  # fmt: skip

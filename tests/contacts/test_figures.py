@@ -22,8 +22,8 @@ def run():
     places = np.array([(x, y, 0.0) for x in (0.0, 1e-3, 2e-3) for y in (0.0, 1e-3, 2e-3)])
     problem = ContactProblem(
         np.eye(3 * c), 1e4 * np.eye(3 * c), tangent, Coulomb(0.3, 0.3), normal=closing, gap=np.where(np.arange(c) < 3, 1.0, 0.0),
-        damping=100.0 * np.eye(3 * c), forces={"press": closing.T @ np.linspace(1.0, 3.0, c)}, surface={"plate": np.tile([1.0, 0.0], (c, 1))},
-        places=places, areas=np.full(c, 1e-6),
+        damping=100.0 * np.eye(3 * c), force_inputs={"press": closing.T @ np.linspace(1.0, 3.0, c)}, surface_velocity={"plate": np.tile([1.0, 0.0], (c, 1))},
+        contact_positions=places, contact_areas=np.full(c, 1e-6),
     )  # fmt: skip
     return step_contacts(problem, 0.1, step=2e-3, inputs={"press": 10.0, "plate": ramp(0.0, 0.02, 0.0, 0.1)})
 

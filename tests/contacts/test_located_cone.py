@@ -69,7 +69,7 @@ def stepped_problem(directions):
     forces = {"body.push": unit[-2]} | ({"body.hook": unit[0], "body.drive": unit[1]} if directions == 2 else {})
     belt = {"belt.speed": np.array([[1.0]])} if directions == 1 else {}
     return ContactProblem(
-        mass, stiffness, unit[None, :directions], Coulomb(MU, MU), normal=unit[-1:], damping=damping, forces=forces, surface=belt,
+        mass, stiffness, unit[None, :directions], Coulomb(MU, MU), normal=unit[-1:], damping=damping, force_inputs=forces, surface_velocity=belt,
         outputs={"along": unit[0], "into": unit[-2]},
     )  # fmt: skip
 

@@ -98,7 +98,7 @@ def half_plane_under_a_cylinder(cells):
     unit = np.eye(2 * cells + 2)
     problem = ContactProblem(
         np.zeros_like(stiffness), stiffness, (unit[-1] - unit[cells:-2])[:, None], Coulomb(friction, friction), normal=unit[-2] - unit[:cells],
-        gap=x**2 / (2 * radius), forces={"press": unit[-2], "pull": unit[-1]}, areas=np.full(cells, width),
+        gap=x**2 / (2 * radius), force_inputs={"press": unit[-2], "pull": unit[-1]}, contact_areas=np.full(cells, width),
     )  # fmt: skip
     return problem, np.pi * half**2 * modulus / (4 * radius), x / half
 
@@ -108,11 +108,11 @@ def test_a_motion_that_friction_alone_holds_is_found_stuck_and_not_lost_in_round
     problem, press, x = half_plane_under_a_cylinder(321)
     rest = press_contacts(problem, {"press": press})
     np.testing.assert_allclose(rest.normal[0].sum(), press, rtol=1e-9)
-    assert (np.abs(x[rest.modes[0] == 0]) < 1.01).all() and (rest.normal[0][rest.modes[0] == 2] == 0.0).all()
+    assert (np.abs(x[rest.contact_modes[0] == 0]) < 1.01).all() and (rest.normal[0][rest.contact_modes[0] == 2] == 0.0).all()
     pull = 0.6 * 0.3 * press
     run = step_contacts(problem, 2.0, step=0.05, inputs={"press": press, "pull": ([0.0, 1.0, 2.0], [0.0, pull, -pull])}, start=rest)
     for i, slipped in ((20, pull), (30, pull / 2), (40, pull)):  # Cattaneo and Mindlin: forth, half way back (half as far counts), and back
-        stuck = np.abs(x[run.modes[i] == 0]).max()
+        stuck = np.abs(x[run.contact_modes[i] == 0]).max()
         assert stuck == pytest.approx(np.sqrt(1 - slipped / (0.3 * press)), abs=2 / 80)
     assert run.audit()["missing"] == pytest.approx(0.0, abs=1e-9 * run.audit()["size"])
     assert (np.linalg.norm(run.tangential, axis=2) <= 0.3 * run.normal * (1 + 1e-6) + 1e-9 * press).all()

@@ -21,8 +21,8 @@ def block(stiffness=0.0, directions=1, friction=None, **options):
     unit = np.eye(directions)
     fields = {
         "mass": MASS * unit, "stiffness": stiffness * unit, "tangent": unit[None], "friction": friction or Coulomb(MU, MU), "load": [LOAD],
-        "forces": {f"force.{axis}": unit[i] for i, axis in enumerate("xy"[:directions])},
-        "surface": {f"surface.{axis}": unit[i][None] for i, axis in enumerate("xy"[:directions])},
+        "force_inputs": {f"force.{axis}": unit[i] for i, axis in enumerate("xy"[:directions])},
+        "surface_velocity": {f"surface.{axis}": unit[i][None] for i, axis in enumerate("xy"[:directions])},
         "outputs": {axis: unit[i] for i, axis in enumerate("xy"[:directions])},
     }  # fmt: skip
     return ContactProblem(**fields | options)
@@ -161,7 +161,7 @@ def test_bristles_of_the_event_loop_are_the_limit_of_a_body_without_mass_at_its_
     stiffness = k / n * np.eye(n)
     problem = ContactProblem(
         0 * stiffness, stiffness, np.eye(n)[:, None, :], Coulomb(model.friction, model.friction), load=shares * model.load,
-        surface={"plate": np.ones((n, 1))},
+        surface_velocity={"plate": np.ones((n, 1))},
     )  # fmt: skip
     errors = []
     for step in (0.01, 0.005):
@@ -201,7 +201,7 @@ def test_a_rod_that_strikes_a_wall_stays_for_two_passages_of_the_wave_and_pushes
     problem, begin, wave_speed = dropped(100)
     period = 2 * 0.5 / wave_speed
     run = step_contacts(problem, 3 * period, step=period / 1500, start=begin)
-    touching = run.modes[:, 0] != 2
+    touching = run.contact_modes[:, 0] != 2
     assert touching.sum() * period / 1500 == pytest.approx(period, rel=0.03)
     arrival = run.time[np.flatnonzero(touching)[0]]
     assert arrival == pytest.approx(1e-4, rel=0.01)
@@ -232,7 +232,7 @@ def test_energy_is_accounted_for_while_contacts_open_slide_and_stick():
     problem = ContactProblem(
         np.diag(0.5 + random.random(n)), 200.0 * root @ root.T + 50.0 * np.eye(n), np.stack([np.eye(n)[[i, i + 3]] for i in range(c)]), Coulomb(0.5, 0.3),
         normal=np.eye(n)[6 : 6 + c], damping=0.02 * root @ root.T, gap=[0.0, 0.001, 0.002],
-        forces={"press": np.eye(n)[6:9].sum(axis=0), "shake": random.normal(size=n)}, surface={"belt": np.tile([1.0, 0.3], (c, 1))},
+        force_inputs={"press": np.eye(n)[6:9].sum(axis=0), "shake": random.normal(size=n)}, surface_velocity={"belt": np.tile([1.0, 0.3], (c, 1))},
     )  # fmt: skip
     import casadi as ca
 
@@ -243,14 +243,14 @@ def test_energy_is_accounted_for_while_contacts_open_slide_and_stick():
     assert abs(audit["missing"]) < 1e-11 * audit["size"]
     assert audit["friction"] > 0.01 * audit["size"]
     assert min(audit["damping"], audit["impacts"], audit["stepping"]) > 0
-    assert (np.diff(run.rubbed, axis=0) >= -1e-12 * audit["size"]).all()
+    assert (np.diff(run.friction_work, axis=0) >= -1e-12 * audit["size"]).all()
     assert (np.linalg.norm(run.tangential, axis=2) <= 0.5 * run.normal * (1 + 1e-9) + 1e-9).all()
 
 
 def test_a_state_of_rest_is_the_begin_of_a_run_in_which_nothing_happens():
     body = np.array([[3.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]) * 1e4
     problem = ContactProblem(
-        np.eye(3), body, np.eye(3)[:1][None], Coulomb(0.3, 0.3), normal=np.eye(3)[1:2], gap=[1e-4], forces={"press": np.eye(3)[2]}
+        np.eye(3), body, np.eye(3)[:1][None], Coulomb(0.3, 0.3), normal=np.eye(3)[1:2], gap=[1e-4], force_inputs={"press": np.eye(3)[2]}
     )
     rest = press_contacts(problem, {"press": 50.0})
     np.testing.assert_allclose(body @ rest.coordinates[0], [rest.tangential[0, 0, 0], -rest.normal[0, 0], 50.0], atol=1e-9)
@@ -295,7 +295,7 @@ def test_a_motion_of_the_surface_that_a_law_drives_is_held_over_whole_steps():
     """The speed of the plate is set from the position that is measured: a block that sticks follows what is held between samples exactly."""
     law = Sampled(lambda t, y: 0.1 + y[0], "50 ms", measured_signals="x.position", actuated_signals="surface.x")
     run = step_contacts(block(load=[1e5]), 0.4, step=0.01, controller=law)
-    assert (run.modes[1:] == 0).all()
+    assert (run.contact_modes[1:] == 0).all()
     position, speeds = [0.0], []
     for _ in range(8):
         speeds.append(0.1 + position[-1])
@@ -317,7 +317,7 @@ def test_the_noise_of_every_seed_is_that_of_a_run_with_located_events():
         run(Sampled(law, 0.1, noise={"block.speed": 1.0}, seed=seed, measured_signals="block.speed", actuated_signals="block.force"))
         return noise
 
-    at_rest = block(forces={"block.force": [1.0]}, surface={}, outputs={"block": [1.0]})
+    at_rest = block(force_inputs={"block.force": [1.0]}, surface_velocity={}, outputs={"block": [1.0]})
     for seed in range(6):
         noise = seen(lambda law: step_contacts(at_rest, 5.0, step=0.1, controller=law), seed)
         assert noise == seen(lambda law: simulate(compose(Block()), 5.0, controller=law), seed)
@@ -330,12 +330,12 @@ def test_impacts_take_nothing_where_contacts_stay_closed():
     root = random.normal(size=(8, 8))
     problem = ContactProblem(
         np.diag(0.5 + random.random(8)), 1e8 * root @ root.T + 1e8 * np.eye(8), np.eye(8)[[0, 1]][:, None], Coulomb(0.5, 0.3), normal=np.eye(8)[2:4],
-        damping=10.0 * np.eye(8), forces={"press": np.eye(8)[2:4].sum(axis=0)}, surface={"belt": [[1.0], [1.0]]},
+        damping=10.0 * np.eye(8), force_inputs={"press": np.eye(8)[2:4].sum(axis=0)}, surface_velocity={"belt": [[1.0], [1.0]]},
     )  # fmt: skip
     rest = press_contacts(problem, {"press": 1e3})
     run = step_contacts(problem, 0.2, step=1e-3, inputs={"press": 1e3, "belt": 1e-4}, start=rest)
     audit = run.audit()
-    assert (run.modes != 2).all() and (run.modes == 1).any() and audit["friction"] > 0
+    assert (run.contact_modes != 2).all() and (run.contact_modes == 1).any() and audit["friction"] > 0
     assert audit["impacts"] == 0.0
     assert (run.energy.stepping >= 0).all() and abs(audit["missing"]) < 1e-9 * audit["size"]
 
@@ -343,21 +343,21 @@ def test_impacts_take_nothing_where_contacts_stay_closed():
 def test_impacts_take_what_falls_and_the_stepping_only_what_falls_with_the_step():
     """A weight that falls by 1 m, from whatever part of a step; and one that a pull lifts off a belt again and again, which strikes it and rubs at once."""
     unit, gravity = np.eye(2), 9.81
-    fall = ContactProblem(unit, 0 * unit, unit[None, 1:], Coulomb(MU, MU), normal=-unit[:1], gap=[1.0], forces={"weight": unit[0]})
+    fall = ContactProblem(unit, 0 * unit, unit[None, 1:], Coulomb(MU, MU), normal=-unit[:1], gap=[1.0], force_inputs={"weight": unit[0]})
     for step in (1e-3, 1.37e-3, 2e-3):
         audit = step_contacts(fall, 1.0, step=step, inputs={"weight": -gravity}).audit()
         assert audit["impacts"] == pytest.approx(gravity, rel=1e-9)
         assert abs(audit["stepping"]) < 1e-9 and abs(audit["missing"]) < 1e-9
     lifted = ContactProblem(
         unit, np.diag([100.0, 50.0]), unit[None, 1:], Coulomb(0.3, 0.3), normal=-unit[:1], damping=np.diag([0.0, 1.0]),
-        forces={"pull": unit[0]}, surface={"belt": [[1.0]]},
+        force_inputs={"pull": unit[0]}, surface_velocity={"belt": [[1.0]]},
     )  # fmt: skip
     rest = press_contacts(lifted, {"pull": -5.0})
     runs = [
         step_contacts(lifted, 2.0, step=step, inputs={"pull": sine(-5.0, 12.0, 1.3), "belt": 0.4}, start=rest)
         for step in (2e-3, 1e-3, 5e-4)
     ]
-    assert runs[0].modes.min() == 0 and runs[0].modes.max() == 2
+    assert runs[0].contact_modes.min() == 0 and runs[0].contact_modes.max() == 2
     taken = [run.audit()["stepping"] for run in runs]
     for coarse, fine in itertools.pairwise(taken):
         assert coarse / fine == pytest.approx(2.0, rel=0.03)
@@ -442,7 +442,7 @@ def test_contacts_that_move_nothing_or_together_are_refused():
 def test_a_part_that_no_contact_holds_rests_until_it_is_pushed():
     chain = np.array([[0.1, -0.1, 0.0], [-0.1, 0.4, -0.3], [0.0, -0.3, 0.3]])  # free, but for round-off
     stiffness = np.block([[chain, np.zeros((3, 3))], [np.zeros((3, 3)), chain]])
-    problem = ContactProblem(np.eye(6), stiffness, np.eye(6)[None, :1], Coulomb(MU, MU), load=[LOAD], forces={"push": np.eye(6)[5]})
+    problem = ContactProblem(np.eye(6), stiffness, np.eye(6)[None, :1], Coulomb(MU, MU), load=[LOAD], force_inputs={"push": np.eye(6)[5]})
     assert np.abs(press_contacts(problem).coordinates).max() == 0.0
     with pytest.raises(SceneError, match="hold all rigid motions, but under these inputs one is free"):
         press_contacts(problem, {"push": 1.0})
@@ -465,8 +465,8 @@ def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
     problem = reduced.mounted({"x.0": (5.0, 2.0)}).in_contact(Coulomb(0.3, 0.3), ("x", "y"), "z", pushed=("z.0",))
     assert problem.stiffness[0, 0] == pytest.approx(1e4 + 5.0)
     assert problem.damping[0, 0] == 2.0
-    assert set(problem.forces) == {"z.0"}
-    assert set(problem.surface) == {"surface.x", "surface.y"}
+    assert set(problem.force_inputs) == {"z.0"}
+    assert set(problem.surface_velocity) == {"surface.x", "surface.y"}
     run = step_contacts(problem, 0.01, step=1e-3, inputs={"z.0": -10.0, "surface.x": 0.1})
     assert run.normal[-1, 0] == pytest.approx(10.0)
     for arguments, options, words in (
@@ -520,7 +520,7 @@ def test_contacts_at_rest_on_the_edge_of_their_friction_stick_and_do_not_flicker
         unit[:, None],
         Coulomb(0.5, 0.5),
         load=[2.0, 10.0, 4.0],
-        forces={"pull": unit[2]},
+        force_inputs={"pull": unit[2]},
         outputs={"x.2": unit[2]},
     )
     run = step_contacts(problem, 3.0, step=0.01, inputs={"pull": ([0.0, 1.0, 2.0, 3.0], [0.0, pull, pull, -pull])})

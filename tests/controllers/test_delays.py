@@ -97,7 +97,7 @@ def test_estimates_for_the_instant_of_arrival_are_those_of_the_string_then_and_n
 
 def test_what_is_left_of_s_is_of_second_order_while_the_set_point_rises_and_of_first_where_nothing_is_learned():
     law = chatter.laws()["implicit"]
-    blind = replace(law, learning=0.0)
+    blind = replace(law, adaptation_gain=0.0)
     for each, order in ((law, 2), (blind, 1)):
         left = [np.abs(chatter.held(each, h, rising=0.1)[1]).max() for h in (0.02, 0.01, 0.005)]
         assert np.divide(left[:-1], left[1:]) == pytest.approx([2.0**order, 2.0**order], rel=0.1)

@@ -304,8 +304,8 @@ def test_the_poles_under_lqr_are_the_stable_half_of_the_hamiltonian():
     model, _, _, A = drilling_point(RIG, speed)
     F = np.block([[A, np.zeros((3, 1))], [model.top[None, :], np.zeros((1, 1))]])
     G = np.append(model.B, 0.0)
-    Q = np.diag([0.0, 1 / law.top_size**2, 1 / law.bit_size**2, 1 / law.angle_size**2])
-    hamiltonian = np.block([[F, -np.outer(G, G) * law.torque_size**2], [-Q, -F.T]])
+    Q = np.diag([0.0, 1 / law.top_speed_scale**2, 1 / law.bit_speed_scale**2, 1 / law.angle_scale**2])
+    hamiltonian = np.block([[F, -np.outer(G, G) * law.torque_scale**2], [-Q, -F.T]])
     every = np.linalg.eigvals(hamiltonian)
     found = poles(wells.JANSEN_2, BitRock(), law, at=at_point(law, speed), mode={"bit": "slip+"})
     np.testing.assert_allclose(found, np.sort_complex(every[every.real < 0]), rtol=1e-6)
@@ -356,19 +356,25 @@ def test_h_infinity_keeps_the_norm_it_names_at_every_frequency_and_no_law_can_ke
         from_bit, from_drive = (np.linalg.solve(1j * om * np.eye(3) - A, column) for column in (-model.E, model.B))
         top, bit = (row @ from_bit for row in (model.top, model.bit))
         loop = 1 - K * (model.top @ from_drive)
-        torque = np.array([K * top * law.disturbance, K * law.speed_noise]) / loop
-        speeds = [top * law.disturbance + model.top @ from_drive * torque[0], model.top @ from_drive * torque[1]]
-        bits = [bit * law.disturbance + model.bit @ from_drive * torque[0], model.bit @ from_drive * torque[1]]
-        gain = np.array([np.array(bits) / law.bit_size, np.array(speeds) / (1j * om + law.leak) / law.angle_size, torque / law.torque_size])
+        torque = np.array([K * top * law.disturbance_scale, K * law.speed_noise]) / loop
+        speeds = [top * law.disturbance_scale + model.top @ from_drive * torque[0], model.top @ from_drive * torque[1]]
+        bits = [bit * law.disturbance_scale + model.bit @ from_drive * torque[0], model.bit @ from_drive * torque[1]]
+        gain = np.array(
+            [
+                np.array(bits) / law.bit_speed_scale,
+                np.array(speeds) / (1j * om + law.integrator_leak) / law.angle_scale,
+                torque / law.torque_scale,
+            ]
+        )
         worst = max(worst, np.linalg.norm(gain, 2))
-    assert law.worst / 1.2 * 0.9 < worst < law.worst
+    assert law.gamma / 1.2 * 0.9 < worst < law.gamma
 
 
 def test_h_infinity_stabilises_its_point():
     law = HInfinity(reference=4.0).design(RIG)
     found = np.sort(poles(wells.JANSEN_2, BitRock(), law, at=at_point(law, 4.0), mode={"bit": "slip+"}).real)
     # the integral adds one pole near its own zero at -leak, where it moves nothing that is seen
-    assert found[-1] == pytest.approx(-law.leak, rel=1e-2)
+    assert found[-1] == pytest.approx(-law.integrator_leak, rel=1e-2)
     assert found[-2] < -0.25
 
 

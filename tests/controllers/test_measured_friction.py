@@ -58,7 +58,7 @@ def test_the_pad_has_damping_below_the_border_of_its_piece_and_none_above_it(spe
 
 
 @pytest.mark.parametrize(
-    "friction", [GaussianStribeck(static=0.45, kinetic=0.35, speed=0.3), Viscous(Exponential(0.45, 0.35, 5.0), viscous=0.01)]
+    "friction", [GaussianStribeck(static=0.45, kinetic=0.35, stribeck_speed=0.3), Viscous(Exponential(0.45, 0.35, 5.0), viscous=0.01)]
 )
 def test_of_any_other_law_the_border_is_never_above_the_true_one_and_near_it(friction):
     found = groan_border(brake(friction))

@@ -39,7 +39,7 @@ def drilling(speed, weight=WEIGHT):
 
 @pytest.mark.parametrize("horizon", [1, 7, 40])
 def test_without_active_limits_the_linear_law_is_the_regulator_of_the_riccati_equation_at_any_horizon(horizon):
-    law = LinearMPC(reference=8.0, horizon=horizon, top_size=2.0, torque_size=3000.0, move_size=4000.0, **STATES)
+    law = LinearMPC(reference=8.0, horizon=horizon, top_speed_scale=2.0, torque_scale=3000.0, torque_step_scale=4000.0, **STATES)
     planned = law.design(RIG)
     model, x_s, u_s, A = drilling_point(RIG, 8.0)
     F, G = zero_order_hold(A, model.B[:, None], 0.1)
@@ -74,7 +74,7 @@ def test_the_cost_of_a_longer_iteration_is_never_above_that_of_a_single_one():
 
 
 def test_the_plan_of_the_regulator_rests_at_its_steady_state_and_goes_by_its_gain_elsewhere():
-    law = NonlinearMPC(reference=8.0, adapt=False, **LIMITS, **STATES).design(RIG)
+    law = NonlinearMPC(reference=8.0, adapt_rock_strength=False, **LIMITS, **STATES).design(RIG)
     weights, N, n = law.weights, law.law.horizon, 3
     x_s, u_s = (np.array(each) for each in drilling_point(RIG, 8.0)[1:3])
     weights.x_s[:], weights.numbers[condensing.STEADY], weights.numbers[condensing.LAST] = x_s, u_s, u_s
@@ -91,7 +91,7 @@ def test_the_plan_of_the_regulator_rests_at_its_steady_state_and_goes_by_its_gai
 
 
 def test_the_predicted_motion_is_what_simulate_gives_for_the_planned_torques():
-    law = NonlinearMPC(reference=4.0, steps=8, adapt=False, **LIMITS, **STATES).design(RIG)
+    law = NonlinearMPC(reference=4.0, steps=8, adapt_rock_strength=False, **LIMITS, **STATES).design(RIG)
     law.filter.waiting[-1] = 9000.0
     law.plan(np.array([26.0, 3.0, 4.0, 8000.0]))
     times = np.arange(41) * 0.1
@@ -139,7 +139,7 @@ def test_a_limit_of_the_top_speed_is_kept_by_the_prediction_and_passed_without_i
     start, _ = drilling(4.0)
     speeds = {}
     for limit in (None, 8.2):
-        law = LinearMPC(reference=8.0, highest_speed=limit, top_size=20.0, **LIMITS, **STATES)
+        law = LinearMPC(reference=8.0, highest_speed=limit, top_speed_scale=20.0, **LIMITS, **STATES)
         run = simulate(RIG, 30.0, start=start, controller=law, sample_time=0.1)
         speeds[limit] = run["top.speed"].max()
         assert not run.controllers[0].record.fallbacks
@@ -152,7 +152,7 @@ def test_a_hard_limit_that_cannot_be_kept_makes_the_soft_drive_act_and_is_record
     runs = {}
     for soft in (True, False):
         law = LinearMPC(
-            reference=8.0, highest_twist=5.0, soft=soft, drive_process_noise=50.0, torque_process_noise=200.0, **LIMITS, **STATES
+            reference=8.0, highest_twist=5.0, soft_limits=soft, drive_process_noise=50.0, torque_process_noise=200.0, **LIMITS, **STATES
         )
         runs[soft] = simulate(RIG, 5.0, start=start, controller=law, sample_time=0.1)
     assert start["chain.twist.0"] > 5.0
@@ -207,7 +207,7 @@ def problems():
     instants = run.at(np.arange(0.0, 30.0, 0.1))
     for k, t in enumerate(instants.time):
         law(t, np.array([instants[name][k] for name in law.measured_signals]))
-    return law.program.H, law.program.A, law.back[0] * law.law.torque_size / LIMITS["highest_torque"], recorded
+    return law.program.H, law.program.A, law.back[0] * law.law.torque_scale / LIMITS["highest_torque"], recorded
 
 
 @pytest.mark.parametrize("solver", [name for name in SOLVERS if name not in ("daqp", "qrqp")])
@@ -233,7 +233,7 @@ def test_the_design_of_a_nonlinear_law_loads_everything_that_a_sample_needs(monk
     monkeypatch.setattr(Compiled, "__call__", watched)
     for sensors in (("top.speed",), STATES["sensors"]):
         called.clear()
-        NonlinearMPC(reference=8.0, sensors=sensors, noise=(1e-3,) * len(sensors)).design(RIG)
+        NonlinearMPC(reference=8.0, sensors=sensors, sensor_noise=(1e-3,) * len(sensors)).design(RIG)
         assert called >= {"advance", "cost", "condense", "wound_up", "regulated", "kkt"}
 
 
@@ -297,7 +297,7 @@ def test_a_solver_that_lies_is_replaced_by_the_soft_drive_and_the_run_says_when(
 @pytest.mark.parametrize("solver", ["daqp", "piqp"])
 def test_a_warm_start_changes_nothing_but_time(solver):
     runs = [
-        simulate(RIG, 15.0, controller=LinearMPC(reference=6.0, solver=solver, warm=warm, **LIMITS, **STATES), sample_time=0.1)
+        simulate(RIG, 15.0, controller=LinearMPC(reference=6.0, solver=solver, warm_start=warm, **LIMITS, **STATES), sample_time=0.1)
         for warm in (True, False)
     ]
     answers = [np.array(run.answers[0]).ravel() for run in runs]
@@ -325,7 +325,12 @@ def test_the_nonlinear_law_has_no_offset_either_and_learns_the_strength_of_the_r
     start, _ = drilling(8.0)
     runs = {
         adapt: simulate(
-            RIG, 80.0, start=start, inputs=HEAVIER, controller=NonlinearMPC(reference=8.0, adapt=adapt, **LIMITS), sample_time=0.1
+            RIG,
+            80.0,
+            start=start,
+            inputs=HEAVIER,
+            controller=NonlinearMPC(reference=8.0, adapt_rock_strength=adapt, **LIMITS),
+            sample_time=0.1,
         )
         for adapt in (True, False)
     }
@@ -389,7 +394,9 @@ def test_a_delay_of_three_and_a_half_periods_leaves_a_law_that_knows_it_able_to_
 
 @pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
 def test_a_lowered_peak_parks_the_string_for_ever_while_its_solver_reports_success(speed):
-    naive = NonlinearMPC(reference=speed, width=0.5, matched=False, adapt=False, patience=1e6, **LIMITS, **STATES)
+    naive = NonlinearMPC(
+        reference=speed, width=0.5, match_static_peak=False, adapt_rock_strength=False, fallback_time=1e6, **LIMITS, **STATES
+    )
     run = simulate(RIG, 120.0, inputs=HEAVIER, controller=naive, sample_time=0.1)
     record = run.controllers[0].record
     assert run.time_in("bit", "stick") == 120.0
@@ -398,7 +405,7 @@ def test_a_lowered_peak_parks_the_string_for_ever_while_its_solver_reports_succe
     assert run.at(120.0)["top.load"] < 0.8 * 1.1 * WEIGHT * 0.155575  # below what would break the bit free
     assert run["top.torque"][-1] < 19_000.0  # and the drive could
     # the watchdog, which looks at the string and not at the solver, has the soft drive break the bit free
-    watched = simulate(RIG, 120.0, inputs=HEAVIER, controller=dataclasses.replace(naive, patience=5.0), sample_time=0.1)
+    watched = simulate(RIG, 120.0, inputs=HEAVIER, controller=dataclasses.replace(naive, fallback_time=5.0), sample_time=0.1)
     assert watched.time_in("bit", "stick") < 110.0
     assert watched.controllers[0].record.fallbacks[0][1] == STANDS
 
@@ -406,7 +413,7 @@ def test_a_lowered_peak_parks_the_string_for_ever_while_its_solver_reports_succe
 @pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
 def test_a_matched_peak_breaks_the_bit_free(speed):
     """Whether it holds the bit then, on a rock that is heavier than it knows, round-off decides at low set-points."""
-    law = NonlinearMPC(reference=speed, width=0.2, patience=1e6, **LIMITS, **STATES)
+    law = NonlinearMPC(reference=speed, width=0.2, fallback_time=1e6, **LIMITS, **STATES)
     run = simulate(RIG, 90.0, inputs=HEAVIER, controller=law, sample_time=0.1)
     assert run.events and run.events[0].after == "slip+" and run.events[0].time < 20.0
     assert run["top.load"].max() > 0.8 * 1.1 * WEIGHT * 0.155575
@@ -443,7 +450,7 @@ OTHERS = {
     "heavy drive, light bit, stiff string": (1.2, 0.8, 1.2),
     "all light": (0.8, 0.8, 0.8),
 }
-TRUSTING = {LinearMPC: {"drive_process_noise": 50.0}, NonlinearMPC: {"drive_error": 0.0}}
+TRUSTING = {LinearMPC: {"drive_process_noise": 50.0}, NonlinearMPC: {"drive_torque_error": 0.0}}
 
 
 def on_another_rig(law, drive, bit, stiffness):
@@ -468,7 +475,7 @@ def test_on_a_rig_that_is_not_the_declared_one_the_bit_turns_at_its_set_point_wi
 @pytest.mark.parametrize("rig", [OTHERS["drive - 10 %"], OTHERS["drive + 20 %"]])
 def test_a_filter_that_trusts_its_drive_parks_the_bit_and_the_watchdog_sees_the_motor_swing(rig):
     trusting = NonlinearMPC(reference=8.0, delay=0.03, **TRUSTING[NonlinearMPC], **LIMITS)
-    parked = on_another_rig(dataclasses.replace(trusting, patience=1e6), *rig)
+    parked = on_another_rig(dataclasses.replace(trusting, fallback_time=1e6), *rig)
     assert parked.time_in("bit", "stick", after=60.0) > 60.0
     assert not parked.controllers[0].record.fallbacks and parked.controllers[0].record.answer.sound
     watched = on_another_rig(trusting, *rig)
@@ -477,7 +484,7 @@ def test_a_filter_that_trusts_its_drive_parks_the_bit_and_the_watchdog_sees_the_
 
 
 def test_the_linear_law_swings_between_its_limits_with_a_filter_that_trusts_its_drive():
-    trusting = LinearMPC(reference=8.0, delay=0.03, patience=1e6, **TRUSTING[LinearMPC], **LIMITS)
+    trusting = LinearMPC(reference=8.0, delay=0.03, fallback_time=1e6, **TRUSTING[LinearMPC], **LIMITS)
     swings = {}
     for label, law in (("trusts", trusting), ("allows for 20 %", LinearMPC(reference=8.0, delay=0.03, **LIMITS))):
         run = on_another_rig(law, *OTHERS["drive + 20 %"])

@@ -182,7 +182,7 @@ def test_margins_answer_by_a_linear_loop_or_say_why_there_is_none(name):
     whys |= dict.fromkeys(["Takeover", *DITHERS], "time itself enters")
     why = next((words for part, words in whys.items() if part in name and ("MPC" not in name or part == "MPC")), "")
     assert re.search(why, found.reason) and bool(why) == bool(found.reason)
-    assert found.stable and found.disk_margin > 0.05 if not why else np.isnan(found.loops[0].disk_margin)
+    assert found.stable and found.disk_margin > 0.05 if not why else np.isnan(found.loop_margins[0].disk_margin)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -279,5 +279,5 @@ def test_map_answers_for_both_branches(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in LAWS if "MPC" in name and "margins" not in LAWS[name].refuses])
 def test_measured_margins_of_predictive_laws_begin_in_smooth_running(name):
-    found = margins(LAWS[name].loop).measured
+    found = margins(LAWS[name].loop).simulated_margins
     assert found.lowest_gain < 0.95 and found.highest_gain > 1.1 and found.delay > 0.1

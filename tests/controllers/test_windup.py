@@ -51,7 +51,13 @@ def law_of(kind, tracking):
         law = ZTorque(impedance=300.0, integral=GAIN, inertia=0.0, filter_time=PERIOD, back_calculation=GAIN * tracking, **LIMITS)
         return law, "ztorque.angle", 300.0 * ERROR, GAIN
     law = LQR(
-        states=("bit.speed",), units=("rad/s",), gain=(300.0, GAIN), point=(REFERENCE, 0.0), slope=(0.0, 0.0), tracking=tracking, **LIMITS
+        states=("bit.speed",),
+        units=("rad/s",),
+        gain=(300.0, GAIN),
+        operating_point=(REFERENCE, 0.0),
+        operating_point_slope=(0.0, 0.0),
+        tracking_time=tracking,
+        **LIMITS,
     )
     return law, "lqr.angle", 300.0 * ERROR, -GAIN  # u = ... - K_i z, z' = w - reference
 
@@ -79,7 +85,14 @@ def test_the_surface_of_a_drive_that_cannot_move_obeys_its_reaching_law_whatever
     eta = 2.0
     width = eta * PERIOD / ratio
     law = SlidingMode(
-        inertia=2000.0, drag=0.0, reaching=eta, width=width, surface=0.2, lowest_torque=0.0, highest_torque=HIGHEST, reference=5.0
+        inertia=2000.0,
+        drag=0.0,
+        reaching_rate=eta,
+        boundary_layer=width,
+        surface_gain=0.2,
+        lowest_torque=0.0,
+        highest_torque=HIGHEST,
+        reference=5.0,
     )
     run = simulate(PLANT, 60.0, controller=law, sample_time=PERIOD)
     middle = (np.arange(600) + 0.5) * PERIOD

@@ -101,7 +101,7 @@ def test_a_search_goes_on_from_its_checkpoint(loop, found, tmp_path, monkeypatch
 def test_a_controller_that_cannot_be_asked_does_not_lose_the_others(loop):
     broken = closed_loop(loop.plant, inputs={"top.torque": 9_000.0})  # without a set-point
     found = answers({"good": loop, "broken": broken}, StiffPI(), phases=1, duration=60.0)
-    assert "good" in found.entries and {*found.entries, *found.failed} == {"good", "broken"}
+    assert "good" in found.results and {*found.results, *found.failed} == {"good", "broken"}
     assert math.isnan(found["good"].own_end) and np.isfinite(found["good"].torque_peak)
 
 

@@ -110,7 +110,7 @@ def test_what_is_no_drill_string_is_refused():
     with pytest.raises(SceneError, match="`members` must be"):
         EnsembleFilter(RIG, members=2)
     with pytest.raises(SceneError, match="`rock_strength` must be above 0"):
-        EnsembleFilter(RIG, Knowledge(rock_strength=0.0, load=0.0))
+        EnsembleFilter(RIG, Knowledge(rock_strength=0.0, load_variation=0.0))
     with pytest.raises(SceneError, match="must have `top.speed`"):
         estimate(RIG, {"time": np.arange(4.0), "top.torque": np.ones(4)})
 
@@ -140,7 +140,7 @@ def test_a_gap_ends_a_spell_and_what_comes_after_it_is_told_by_what_is_seen_ther
     assert any(first < end - 10.0 and end <= last < end + 2 * step for first, last in found.spells)  # it sticks up to the gap
     assert not any(first < end and last >= begin for first, last in found.spells)
     after = found.time >= begin - 0.5 * step
-    assert np.isnan(found.mean["severity"][after][:3]).all() and not found.alarm[after][:3].any()
+    assert np.isnan(found.mean["severity"][after][:3]).all() and not found.stick_slip[after][:3].any()
 
 
 def test_a_spell_that_was_told_on_both_sides_of_a_gap_is_two():

@@ -24,7 +24,7 @@ from toolbox.modelling import Takeover
 
 PLANT = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 LOOP = closed_loop(PLANT, Sampled(SoftTorque(), "10 ms", delay="30 ms"))
-BRIEF = Group("nominal", (Machine("nominal"),), noise=0.0, phases=(0.0, 0.5))
+BRIEF = Group("nominal", (Machine("nominal"),), noise=0.0, takeover_phases=(0.0, 0.5))
 
 
 @pytest.fixture(scope="module")
@@ -41,14 +41,14 @@ def test_the_border_is_that_of_runs_of_ones_own(found):
     trial = Trial(LOOP, StiffPI())
     for speed, ends in ((held.speed, True), (held.speed - 4 * np.pi / 30, False)):
         stuck = []
-        for phase in BRIEF.phases:
+        for phase in BRIEF.takeover_phases:
             at = trial.takeover(speed, phase)
             both = Takeover(StiffPI(reference=speed), SoftTorque(reference=speed), at=at)
             run = simulate(closed_loop(PLANT, Sampled(both, 0.01, 0.03), start=trial.cycle(speed).start), 180.0)
             assert run.time_in("bit", "stick", until=at) > 1.0  # there is something to be ended
             stuck.append(run.time_in("bit", "stick", after=120.0))
         assert (max(stuck) == 0.0) == ends
-    assert held.margin == held.margin_nominal > 0.0 and held.recovery > 0.0 and held.fastest > held.speed and np.isnan(held.lifts)
+    assert held.margin == held.disk_margin_nominal > 0.0 and held.recovery > 0.0 and held.fastest > held.speed and np.isnan(held.lifts)
 
 
 def test_the_table_tells_what_was_asked_in_the_units_typed_and_survives_a_file(found, tmp_path):
@@ -113,7 +113,7 @@ def test_a_machine_of_a_group_has_its_numbers_its_delay_and_its_weight_in_time()
     late = next(each for each in groups["one_at_a_time"].machines if each.delay)
     assert trial.steady(late, 6.0).controllers[0].delay == pytest.approx(0.06)
     loop, _ = trial.takes_over(
-        Machine("noise", weight=Varying(0.05, 0.2, noise=True)), groups["varying_weight"], 6.0, "takeover", 101, 20.0
+        Machine("noise", weight_variation=Varying(0.05, 0.2, noise=True)), groups["varying_weight"], 6.0, "takeover", 101, 20.0
     )
     weight = simulate(loop, 300.0).at(np.arange(0.0, 300.0, 0.5))["bit.weight"]
     assert weight.mean() == pytest.approx(97_347.0, rel=0.01) and weight.std() == pytest.approx(0.05 * 97_347.0, rel=0.1)
@@ -124,10 +124,10 @@ def test_every_seed_of_a_weight_that_varies_is_a_course_of_its_own():
     group = machine_groups(LOOP)["varying_weight"]
     assert group.runs == 4 * 10 * 2
     for machine in group.machines:
-        courses = {machine.weight.input(97_347.0, seed).coefficients for seed in group.seeds}
+        courses = {machine.weight_variation.input(97_347.0, seed).coefficients for seed in group.seeds}
         assert len(courses) == len(group.seeds)
-        assert {each[:2] for each in courses} == {(97_347.0, machine.weight.size * 97_347.0)}  # mean and size stay
-    phases = sorted(group.machines[2].weight.input(1.0, seed).coefficients[3] for seed in group.seeds)
+        assert {each[:2] for each in courses} == {(97_347.0, machine.weight_variation.size * 97_347.0)}  # mean and size stay
+    phases = sorted(group.machines[2].weight_variation.input(1.0, seed).coefficients[3] for seed in group.seeds)
     gaps = np.diff([*phases, phases[0] + 2.0 * np.pi])
     assert gaps.max() < 2.0 * np.pi / 5  # spread over the turn
 
@@ -136,7 +136,7 @@ def test_a_group_stops_where_nothing_holds_and_says_why(monkeypatch):
     trial = Trial(LOOP, StiffPI())
     found = borders(trial, [BRIEF], ["takeover"], higher=3.0, lower=2.0, step=0.5)
     held = found["nominal", "takeover"]
-    assert np.isnan(held.speed) and held.why.startswith("nominal, seed 0, phase 0: stuck")
+    assert np.isnan(held.lowest_set_point) and held.why.startswith("nominal, seed 0, phase 0: stuck")
 
 
 @given(st.integers(16, 129), st.integers(10, 123))
@@ -153,7 +153,7 @@ def test_a_window_of_a_rad_per_second_is_found_below_a_highest_set_point_that_fa
 
 
 def test_a_window_is_told_and_drawn_with_both_ends():
-    window = SetPointLimit(5.0, "stuck below", highest=9.0)
+    window = SetPointLimit(5.0, "stuck below", highest_set_point=9.0)
     found = LowestSetPoints(
         "StiffPI", {("PI", "nominal", "takeover"): window, ("PI", "noisy", "takeover"): SetPointLimit(5.0, "")}, (1.5, 14.0), 0.1
     )
@@ -162,10 +162,10 @@ def test_a_window_is_told_and_drawn_with_both_ends():
 
 
 def test_lifts_are_counted_and_their_price_is_told():
-    group = dataclasses.replace(BRIEF, phases=(0.0,))
+    group = dataclasses.replace(BRIEF, takeover_phases=(0.0,))
     outcome = Trial(closed_loop(PLANT, Sampled(Lifting(SoftTorque()), 0.01, 0.03)), StiffPI()).outcome(group, 5.0)
-    assert outcome.passed and outcome.lifts >= 1.0 and 10.0 < outcome.recovery < 80.0 and outcome.time_above_setpoint == 0.0
-    assert outcome.fastest > 10.0 and outcome.torque > 1e4
+    assert outcome.passed and outcome.max_lifts >= 1.0 and 10.0 < outcome.recovery_time < 80.0 and outcome.time_above_setpoint == 0.0
+    assert outcome.max_bit_speed > 10.0 and outcome.max_torque > 1e4
 
 
 @pytest.mark.parametrize(
@@ -237,14 +237,14 @@ def test_the_command_says_at_once_which_law_takes_no_part(capsys):
 
 
 def test_a_law_that_takes_weight_off_is_tried_on_machines_with_other_weights_and_its_price_is_told():
-    law = Lifting(SoftTorque(), first_factor=1.3, factor_step=0.25, rise=0.2, relief=0.4)
+    law = Lifting(SoftTorque(), first_factor=1.3, factor_step=0.25, raise_rate=0.2, weight_relief=0.4)
     trial = Trial(closed_loop(PLANT, Sampled(law, 0.01, 0.03)), StiffPI())
     heavy = Machine("heavy", (("bit.weight", 1.1),))
     assert float(trial.steady(heavy, 5.0).number("weight.reference").value) == pytest.approx(1.1 * 97_347.0)
-    outcome = trial.outcome(dataclasses.replace(BRIEF, machines=(heavy,), phases=(0.0,)), 6.0)
-    assert outcome.passed and outcome.lifts >= 1.0 and outcome.relapses_per_hour == 0.0 and 0.02 < outcome.relief < 0.4
+    outcome = trial.outcome(dataclasses.replace(BRIEF, machines=(heavy,), takeover_phases=(0.0,)), 6.0)
+    assert outcome.passed and outcome.max_lifts >= 1.0 and outcome.relapses_per_hour == 0.0 and 0.02 < outcome.max_weight_relief < 0.4
     loop, _ = trial.takes_over(
-        Machine("heave", weight=Varying(0.1, 0.1)), machine_groups(LOOP)["varying_weight"], 6.0, "takeover", 101, 20.0
+        Machine("heave", weight_variation=Varying(0.1, 0.1)), machine_groups(LOOP)["varying_weight"], 6.0, "takeover", 101, 20.0
     )
     weight = simulate(loop, 300.0).at(np.arange(250.0, 300.0, 0.1))["bit.weight"]
     assert np.ptp(weight) == pytest.approx(0.2 * 97_347.0, rel=0.02)
@@ -261,13 +261,13 @@ def test_a_lift_that_comes_again_is_no_success_for_half_an_hour():
 def test_a_group_may_want_a_disk_margin_and_its_border_is_raised_until_there_is_one(found):
     held, path = found[0]["SoftTorque", "nominal"], found[1]
     step = 4 * np.pi / 30
-    raised = dataclasses.replace(BRIEF, margin=held.margin + 1e-6)
+    raised = dataclasses.replace(BRIEF, min_disk_margin=held.margin + 1e-6)
     search = {"protocols": ["takeover"], "bounds": ("62 rpm", "110 rpm"), "step": "4 rpm", "checkpoint": path}
     more = lowest_set_point(LOOP, StiffPI(), [raised], **search)["SoftTorque", "nominal"]
-    assert more.speed == pytest.approx(held.speed + step) and more.margin > held.margin
+    assert more.lowest_set_point == pytest.approx(held.speed + step) and more.disk_margin > held.margin
     assert more.why == f"nominal: disk margin {held.margin:.3f}"
-    none = lowest_set_point(LOOP, StiffPI(), [dataclasses.replace(BRIEF, margin=1.9)], **search)["SoftTorque", "nominal"]
-    assert np.isnan(none.speed) and "disk margin" in none.why
+    none = lowest_set_point(LOOP, StiffPI(), [dataclasses.replace(BRIEF, min_disk_margin=1.9)], **search)["SoftTorque", "nominal"]
+    assert np.isnan(none.lowest_set_point) and "disk margin" in none.why
 
 
 def test_the_command_raises_borders_to_a_disk_margin_and_refuses_one_that_no_loop_has(tmp_path, capsys):
@@ -410,8 +410,8 @@ class Told(Trial):
     """A trial of which is told at which set-points it fails, and at which smooth running grows, and that notes what it is asked."""
 
     def outcome(self, group, reference, way="takeover"):
-        self.asked.append((reference, group.judged))
-        return Outcome(reference not in (*self.failing, *(self.growing if group.judged > 80.0 else ())), "fails")
+        self.asked.append((reference, group.judged_time))
+        return Outcome(reference not in (*self.failing, *(self.growing if group.judged_time > 80.0 else ())), "fails")
 
     def growth(self, machines, reference):
         return (1.0 if reference in self.growing else -1.0), "nominal"
@@ -428,18 +428,18 @@ def told(failing, growing=()):
 
 def test_the_end_of_the_range_is_tried_where_nothing_fails_above_it():
     trial = told(())
-    assert lowest(trial, BRIEF, lower=3.0, higher=6.0, step=1.0).speed == 3.0
+    assert lowest(trial, BRIEF, lower=3.0, higher=6.0, step=1.0).lowest_set_point == 3.0
     held = lowest(told((3.0,)), BRIEF, lower=3.0, higher=6.0, step=1.0)
-    assert (held.speed, held.why) == (4.0, "fails")
+    assert (held.lowest_set_point, held.why) == (4.0, "fails")
     asked = told((4.0,))
-    assert lowest(asked, BRIEF, lower=3.0, higher=6.0, step=1.0).speed == 5.0
+    assert lowest(asked, BRIEF, lower=3.0, higher=6.0, step=1.0).lowest_set_point == 5.0
     assert 3.0 not in [reference for reference, _ in asked.asked]
 
 
 def test_a_set_point_at_which_smooth_running_grows_is_not_confirmed_above_it():
     trial = told((3.0,), growing=(4.0,))
     held = lowest(trial, BRIEF, lower=2.0, higher=9.0, step=1.0)
-    assert (held.speed, held.why) == (5.0, "fails")
+    assert (held.lowest_set_point, held.why) == (5.0, "fails")
     assert (6.0, 80.0) not in trial.asked[: trial.asked.index((4.0, 1800.0))]
     assert {reference for reference, judged in trial.asked if judged > 80.0} == {4.0, 5.0}
 

@@ -88,7 +88,7 @@ def test_stick_slip_is_found_where_the_log_is_fast_enough_and_else_called_too_sl
 def test_a_log_that_is_too_slow_tells_no_severity_and_no_wrong_machine():
     log = logged(run_of(strings("exact")[0]), 2.0)
     found = estimate(scene("exact"), log, members=16)
-    assert all(np.isnan(values).all() for values in found.mean.values()) and not found.alarm.any() and found.slow.all()
+    assert all(np.isnan(values).all() for values in found.mean.values()) and not found.stick_slip.any() and found.sampling_too_slow.all()
     assert (
         "too slow to see stick-slip from 0 s to" in str(found)
         and "not that of the log" not in str(found)
@@ -106,7 +106,10 @@ def test_the_margin_is_called_by_its_name_and_blank_while_it_sticks():
     log = logged(run_of(strings("exact")[0]), 0.5)
     found = estimate(scene("exact"), log, members=16)
     assert "margin to the loss of smooth running" in str(found)
-    assert np.isnan(found.mean["margin"][found.alarm]).all() and np.isfinite(found.mean["margin"][(found.time > 60.0) & ~found.alarm]).any()
+    assert (
+        np.isnan(found.mean["margin"][found.stick_slip]).all()
+        and np.isfinite(found.mean["margin"][(found.time > 60.0) & ~found.stick_slip]).any()
+    )
 
 
 def test_a_log_of_two_rates_is_judged_and_drawn_in_both():
@@ -127,11 +130,11 @@ def test_a_part_of_a_log_that_is_too_slow_is_told_with_its_times():
     slow, fast = logged(run, 4.0), logged(run, 0.5)
     log = {name: np.concatenate([slow[name][slow["time"] < 270.0], fast[name][fast["time"] >= 270.0]]) for name in slow}
     found = estimate(scene("exact"), log, members=16)
-    assert found.slow[found.time < 268.0].all() and not found.slow[found.time > 275.0].any()
+    assert found.sampling_too_slow[found.time < 268.0].all() and not found.sampling_too_slow[found.time > 275.0].any()
     assert "too slow to see stick-slip from 0 s to 2" in str(
         found
     ) and "too slow to see stick-slip in part: it has a sample every 4 s" in str(found)
-    assert found.alarm[(found.time > 300.0) & (found.time < 420.0)].all() and not found.alarm[found.slow].any()
+    assert found.stick_slip[(found.time > 300.0) & (found.time < 420.0)].all() and not found.stick_slip[found.sampling_too_slow].any()
 
 
 def test_where_ensemble_and_torque_disagree_it_is_said_which_to_believe_and_why(monkeypatch):
@@ -139,7 +142,7 @@ def test_where_ensemble_and_torque_disagree_it_is_said_which_to_believe_and_why(
     found = estimate(scene("exact"), logged(run_of(strings("exact")[0]), 0.5), members=16)
     begin, end = sticks_between(run_of(strings("exact")[0]))
     inside = (found.time > begin + 25.0) & (found.time < end)
-    assert found.alarm[inside].all() and np.isnan(found.mean["severity"][inside]).all()
+    assert found.stick_slip[inside].all() and np.isnan(found.mean["severity"][inside]).all()
     assert "Two opinions on stick-slip differ from" in str(found) and "Believe the torque: it is measured" in str(found)
 
 

@@ -28,7 +28,7 @@ def well(depth):
 
 @pytest.fixture(scope="module")
 def found():
-    return windows(well, ("1 km", 2000.0), LAW, OVER, along=("70 kN", "90 kN"), shape=(9, 5))
+    return windows(well, ("1 km", 2000.0), LAW, OVER, second_values=("70 kN", "90 kN"), shape=(9, 5))
 
 
 @pytest.mark.slow
@@ -53,12 +53,12 @@ def test_margins_are_those_of_the_working_point(found):
 
 
 def test_a_range_that_is_free_and_one_without_a_window_are_told():
-    quiet = windows(well, [2000.0], SoftTorque(reference=13.0), {**OVER, "top.reference": (12.0, 14.0)}, along=(7e4,), shape=(3, 3))
-    assert quiet.free[0, 0] == quiet.smooth[0, 0] == -math.inf and (quiet.margin == math.inf).all() and "all" in str(quiet)
+    quiet = windows(well, [2000.0], SoftTorque(reference=13.0), {**OVER, "top.reference": (12.0, 14.0)}, second_values=(7e4,), shape=(3, 3))
+    assert quiet.free_from[0, 0] == quiet.smooth_from[0, 0] == -math.inf and (quiet.onset_margins == math.inf).all() and "all" in str(quiet)
     wild = windows(
-        well, [2000.0], dataclasses.replace(LAW, reference=2.4), {**OVER, "top.reference": (2.0, 2.6)}, along=(1e5,), shape=(3, 3)
+        well, [2000.0], dataclasses.replace(LAW, reference=2.4), {**OVER, "top.reference": (2.0, 2.6)}, second_values=(1e5,), shape=(3, 3)
     )
-    assert wild.free[0, 0] == wild.smooth[0, 0] == math.inf and (wild.margin == -math.inf).all() and "none" in str(wild)
+    assert wild.free_from[0, 0] == wild.smooth_from[0, 0] == math.inf and (wild.onset_margins == -math.inf).all() and "none" in str(wild)
 
 
 def test_the_table_the_file_and_the_picture_hold_the_same(found, tmp_path):
@@ -89,21 +89,23 @@ def test_a_point_of_the_map_that_nothing_decides_does_not_hide_the_border_beside
     """At 4 rad/s a swing grows with a time constant of an hour, so that no run tells where it ends; its poles tell that smooth running is lost."""
     law, rig = Sampled(PI(reference=8.0), 0.01, 0.03), compose(wells.JANSEN_2, BitRock(weight=97_347.0))
     over = {"top.reference": (3.0, 5.0), "bit.weight": (60e3, 138e3)}
-    found = windows(lambda depth: rig, [2000.0], law, over, along=[99e3], shape=(3, 3))
+    found = windows(lambda depth: rig, [2000.0], law, over, second_values=[99e3], shape=(3, 3))
     loop = closed_loop(rig, law).at("bit.weight", 99e3)
 
     def grows(reference):
         poles = np.abs(linear_loop(loop.at("top.reference", reference)).poles())
         return np.log(np.max(poles[np.abs(poles - 1.0) > 1e-9]))
 
-    assert found.maps[0].smooth.verdict[1, 1] == NONE and found.maps[0].growth[1, 1] > 0.0
-    assert found.smooth[0, 0] == pytest.approx(brentq(grows, 3.0, 5.0), abs=0.1 * found.maps[0].resolution)  # of a cell of 1 rad/s
+    assert found.severity_maps[0].smooth.verdict[1, 1] == NONE and found.severity_maps[0].growth[1, 1] > 0.0
+    assert found.smooth_from[0, 0] == pytest.approx(
+        brentq(grows, 3.0, 5.0), abs=0.1 * found.severity_maps[0].resolution
+    )  # of a cell of 1 rad/s
 
 
 def test_mistakes_are_told():
     with pytest.raises(SceneError, match="at least one depth"):
         windows(well, [], LAW, OVER)
     with pytest.raises(SceneError, match="`along` must be"):
-        windows(well, [2000.0], SoftTorque(reference=13.0), {**OVER, "top.reference": (12.0, 14.0)}, along=("7 kN",), shape=(2, 2))
+        windows(well, [2000.0], SoftTorque(reference=13.0), {**OVER, "top.reference": (12.0, 14.0)}, second_values=("7 kN",), shape=(2, 2))
     with pytest.raises(SceneError, match="or a loop without laws, but at 2000 m"):
         windows(lambda depth: closed_loop(well(depth), LAW), [2000.0], LAW, OVER)

@@ -78,4 +78,4 @@ listed = sweep(closed_loop(rig, stiff), [{"bit.weight": "50 kN", "top.reference"
 tuned = tune(rig, PI(reference="90 rpm"), "severity", {"pi.proportional": ("1 kN m s/rad", 6000.0)}, duration="5 s", runs=10)
 judged = worst_case(closed_loop(rig, stiff, reference="80 rpm"), "10 s", after="5 s")
 cycle = limit_cycle(compose(BlockOnBelt()), "1 min")
-branch = follow(cycle, "block.belt_speed", ("0.1 m/s", "300 mm/s"), points=2, towards="0.1 m/s")
+branch = follow(cycle, "block.belt_speed", ("0.1 m/s", "300 mm/s"), points=2, start_towards="0.1 m/s")

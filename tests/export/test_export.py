@@ -84,7 +84,7 @@ LAWS = {
     "ActiveDamping": ActiveDamping(reference=8.0),
     "SlidingMode": SlidingMode(reference=8.0, **LIMITS),
     # what it learns is an integral of an integral, which takes up the round-off of a run that is played back
-    "ImplicitSlidingMode": ImplicitSlidingMode(reference=8.0, learning=0.0),
+    "ImplicitSlidingMode": ImplicitSlidingMode(reference=8.0, adaptation_gain=0.0),
     "SuperTwisting": SuperTwisting(reference=8.0, **LIMITS),
     "ImpedanceSuperTwisting": ImpedanceSuperTwisting(reference=8.0),
     "LQR": LQR(reference=8.0),
@@ -92,7 +92,7 @@ LAWS = {
     "HInfinity": HInfinity(reference=8.0),
     "Observed": Observed(SlidingMode(reference=8.0, **LIMITS), Kalman()),
     "Lifting": Lifting(PI(reference=8.0, **LIMITS)),
-    "Lifting with relief": Lifting(PI(reference=8.0, **LIMITS), relief=0.4, speed_limit_factor=1.2),
+    "Lifting with relief": Lifting(PI(reference=8.0, **LIMITS), weight_relief=0.4, speed_limit_factor=1.2),
 }
 
 

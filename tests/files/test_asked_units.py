@@ -134,9 +134,11 @@ def test_margins_and_limits_answer_in_the_units_of_their_working_point():
     for law in (SoftTorque(reference="95 rpm"), Sampled(SoftTorque(), "10 ms")):
         given = {"top.reference": "95 rpm"} if law.__class__ is Sampled else {}
         found = margins(closed_loop(RIG, law, inputs=given))
-        assert " at top.reference = 95 rpm, top.torque = " in str(found) and found.signals["top.reference"] == pytest.approx(95 * RPM)
+        assert " at top.reference = 95 rpm, top.torque = " in str(found) and found.operating_point["top.reference"] == pytest.approx(
+            95 * RPM
+        )
     with units("metric"):
-        assert f"top.torque = {found.signals['top.torque'] / 1e3:.4g} kN m" in str(found)
+        assert f"top.torque = {found.operating_point['top.torque'] / 1e3:.4g} kN m" in str(found)
     limit = performance_limit(closed_loop(RIG, parameters={"bit.weight": "90 kN"}), {"top.speed": "40 rpm"})
     assert " at top.speed = 40 rpm, top.torque = " in str(limit) and limit.display_units == {"rad/s": "rpm", "N": "kN"}
     assert limit.signals["top.speed"] == pytest.approx(40 * RPM)

@@ -104,7 +104,7 @@ def of_worst_case():
 
 def of_lowest_set_point():
     loop = closed_loop(RIG, Sampled(SoftTorque(), 0.01, 0.03))
-    quiet = Group("nominal", (Machine("nominal"),), noise=0.0, phases=(0.0,))
+    quiet = Group("nominal", (Machine("nominal"),), noise=0.0, takeover_phases=(0.0,))
     return lowest_set_point(loop, StiffPI(), [quiet], protocols=["takeover"], bounds=("80 rpm", "110 rpm"), step="10 rpm", long_run=False)
 
 
@@ -340,8 +340,8 @@ def test_a_run_of_many_contacts_is_read_as_it_was_written(tmp_path):
     tangent = np.array([[[1.0, 0.0]], [[0.0, 1.0]]])
     problem = ContactProblem(
         mass=np.diag([1.0, 2.0]), stiffness=np.array([[3.0, -1.0], [-1.0, 2.0]]), tangent=tangent, friction=Coulomb(0.4, 0.3),
-        load=np.array([5.0, 6.0]), forces={"push": np.array([1.0, 0.0])}, outputs={"front": np.array([0.0, 1.0])},
-        places=np.array([[0.0], [1.0]]), units={"front": "m"},
+        load=np.array([5.0, 6.0]), force_inputs={"push": np.array([1.0, 0.0])}, outputs={"front": np.array([0.0, 1.0])},
+        contact_positions=np.array([[0.0], [1.0]]), units={"front": "m"},
     )  # fmt: skip
     run = step_contacts(problem, 5.0, step=0.01, inputs={"push": 4.0})
     again = ContactRun.load(run.save(tmp_path / "run.npz"))

@@ -209,7 +209,7 @@ def test_a_curve_of_hopf_points_and_a_law_in_python_say_so_too():
         hopf_curve(CONTINUOUS, "top.reference", (3.0, 6.0), "softtorque.detuning", [1.0])
     planned = closed_loop(RIG, LinearMPC(reference=8.0), sample_time=0.1, start=TURNING)
     with pytest.raises(SceneError, match="the law is designed as a function of Python, which all runs share"):
-        sweep(planned, {"linearmpc.torque_size": [1e4, 2e4]}, 1.0)
+        sweep(planned, {"linearmpc.torque_scale": [1e4, 2e4]}, 1.0)
 
 
 NUMERIC = [each for each in NUMBERS if math.isfinite(each.loop.number(each.name).value)]

@@ -173,8 +173,10 @@ def test_what_rests_on_a_law_of_the_slip_alone_refuses_one_with_memory(ask, word
 
 def test_a_rigid_wall_does_not_carry_a_law_with_memory_and_an_elastic_one_does():
     with pytest.raises(SceneError, match="`rub` must not come from a rigid contact, as its law has a memory: make that elastic"):
-        compose(dataclasses.replace(wells.JANSEN_2, collar=0), WhirlingCollar(restitution=0.5, weight=0.0, friction=Dahl()))
-    assert compose(dataclasses.replace(wells.JANSEN_2, collar=0), WhirlingCollar(weight=0.0, friction=Dahl())).modeless == {"rub": "Dahl"}
+        compose(dataclasses.replace(wells.JANSEN_2, collar_index=0), WhirlingCollar(restitution=0.5, weight=0.0, friction=Dahl()))
+    assert compose(dataclasses.replace(wells.JANSEN_2, collar_index=0), WhirlingCollar(weight=0.0, friction=Dahl())).modeless == {
+        "rub": "Dahl"
+    }
 
 
 def test_a_contact_of_the_users_part_and_a_law_with_memory_agree_without_a_word():

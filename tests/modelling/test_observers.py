@@ -131,7 +131,7 @@ def test_while_the_bit_stands_the_estimates_lag_by_what_a_ramp_of_its_torque_doe
     run = simulate(RIG, 60.0, controller=Observed(StiffPI(reference=3.0), observer), sample_time=0.01)
     A, L, C = matrices(observer.design(RIG))
     if isinstance(observer, SlidingObserver):
-        L = L * (observer.size / observer.layer + observer.reaching)
+        L = L * (observer.switching_gain / observer.boundary_layer + observer.reaching)
     sticks = [(begin, end) for begin, end in stick_intervals(run, "bit") if end - begin > 5.0]
     assert len(sticks) >= 3
     for _, end in sticks:

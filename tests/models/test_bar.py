@@ -24,7 +24,7 @@ def stuck_frequencies(n):
 
 def exact_frequency(low, high):
     """E A kappa (cot kappa a + cot kappa (L - a)) + k - m w^2 = 0 with kappa = w / c: the continuous bar with the oscillator on it."""
-    a = PLAIN.contact * PLAIN.length
+    a = PLAIN.contact_position * PLAIN.length
 
     def balance(w):
         kappa = w / WAVE
@@ -46,8 +46,8 @@ def test_a_bar_under_steady_friction_gives_way_as_a_bar_does():
     n, load = 40, 10.0
     bar = dataclasses.replace(PLAIN, modes=n, friction=Coulomb(static=0.3, kinetic=0.3), bar_speed=0.05)
     rest = equilibrium(compose(bar), mode={"bar": "slip-"})
-    shape = np.sin(math.pi * np.arange(1, n + 1) * PLAIN.contact)
-    a = PLAIN.contact * PLAIN.length
+    shape = np.sin(math.pi * np.arange(1, n + 1) * PLAIN.contact_position)
+    a = PLAIN.contact_position * PLAIN.length
     exact = 0.3 * load * a * (PLAIN.length - a) / (PLAIN.modulus * PLAIN.area * PLAIN.length)
     left_out = 2 * 0.3 * load * PLAIN.length / (PLAIN.modulus * PLAIN.area * math.pi**2 * n)
     assert exact - left_out < -shape @ rest["oscillator.amplitude"] < exact
@@ -66,7 +66,7 @@ def test_while_friction_is_constant_oscillator_and_bar_ring_each_at_their_own_fr
     np.testing.assert_allclose(found["oscillator.position"], x * (1 - np.cos(math.sqrt(bar.stiffness / bar.mass) * t)), atol=1e-9 * x)
     for j in range(1, bar.modes + 1):
         w = j * math.pi * WAVE / bar.length
-        rest = -force * math.sin(j * math.pi * bar.contact) / (bar.density * bar.area * bar.length / 2 * w**2)
+        rest = -force * math.sin(j * math.pi * bar.contact_position) / (bar.density * bar.area * bar.length / 2 * w**2)
         np.testing.assert_allclose(found["oscillator.amplitude"][:, j - 1], rest * (1 - np.cos(w * t)), atol=1e-7 * abs(rest) + 1e-16)
 
 

@@ -279,7 +279,7 @@ def test_a_collar_that_rubs_on_bristles_follows_the_one_on_dry_friction(law):
     # bounces off an elastic wall: no force while it is open, and the way of the centre differs by the deflection of the bristles
     ends = []
     for friction in (Coulomb(0.35, 0.35), law):
-        string = dataclasses.replace(CHAIN, collar=-1)
+        string = dataclasses.replace(CHAIN, collar_index=-1)
         plant = compose(string, WhirlingCollar(wall_stiffness=1e7, weight=0.0, friction=friction))
         run = simulate(
             plant, 2.0, start={"chain.speed": 25.0, "collar.velocity": (0.3, 0.1)}, inputs={"top.torque": 10_000.0}, accuracy=1e-8

@@ -13,7 +13,7 @@ from toolbox import SceneError, compose, energy_audit, linearise, simulate
 from toolbox.inputs import sine
 
 # a hand whose stick-slip has some 20 Hz, see studies/scenes/hand_held_block.toml
-GRIP = HandArm(mass=(0.7, 2.0), stiffness=(20e3, 20e3, 5e3), damping=(20.0, 100.0, 200.0), holds="block")
+GRIP = HandArm(mass=(0.7, 2.0), stiffness=(20e3, 20e3, 5e3), damping=(20.0, 100.0, 200.0), attached_to="block")
 
 
 def block(belt_speed):

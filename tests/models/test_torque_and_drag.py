@@ -75,32 +75,34 @@ def test_a_pipe_pulled_through_a_flat_turn_weighs_on_its_low_side_too():
 def test_a_string_pulled_too_little_slides_as_far_as_its_friction_is_overcome(kind, sign):
     # (H - H0) = mu w sin(inc) s
     part, across = 0.4013, MU * PIPE.weight(MUD) * math.sin(INCLINATION)
-    found = moved(at_top=ALONG + sign * part * across * 1500.0, **kind)
-    assert found.front == pytest.approx(part * 1500.0, rel=1e-9) and not found.moves
-    np.testing.assert_allclose(found.tension - found.hanging, sign * across * np.maximum(0.0, found.front - found.depth), atol=1e-6)
+    found = moved(load_at_top=ALONG + sign * part * across * 1500.0, **kind)
+    assert found.sliding_front == pytest.approx(part * 1500.0, rel=1e-9) and not found.moves
+    np.testing.assert_allclose(
+        found.tension - found.frictionless_tension, sign * across * np.maximum(0.0, found.sliding_front - found.depth), atol=1e-6
+    )
     assert not found.torque.any() and found.sliding.sum() == np.count_nonzero(found.depth <= 0.4013 * 1500.0)
 
 
 def test_a_string_wound_up_too_little_is_twisted_down_to_its_front():
     # M = mu w sin(inc) R (s* - s), twist = M0^2 / (2 G J mu w sin(inc) R)
     slope = MU * PIPE.weight(MUD) * math.sin(INCLINATION) * PIPE.outer / 2
-    found = moved(turning_speed=1.0, at_top=f"{slope * 700.0} N m")
-    assert found.front == pytest.approx(700.0, rel=1e-9)
+    found = moved(turning_speed=1.0, load_at_top=f"{slope * 700.0} N m")
+    assert found.sliding_front == pytest.approx(700.0, rel=1e-9)
     assert found.twist == pytest.approx((slope * 700.0) ** 2 / (2 * PIPE.rigidity * slope), rel=1e-9)
     assert (found.torque[found.depth > 700.0] == 0.0).all() and found.drag == 0.0
     whole = moved(turning_speed=1.0)
-    assert moved(turning_speed=1.0, at_top=1.01 * whole.torque[0]).torque[0] == whole.torque[0] and whole.moves
+    assert moved(turning_speed=1.0, load_at_top=1.01 * whole.torque[0]).torque[0] == whole.torque[0] and whole.moves
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_string_that_brings_its_bit_less_torque_than_the_rock_takes_slides_down_to_the_bit(way):
     # M = M0 - mu w sin(inc) R s reaches the bit with M0 - mu (..), 1 kN m of the 3 that the rock takes
     whole = moved(turning_speed=way, bit_torque="3 kN m")
-    found = moved(turning_speed=way, bit_torque="3 kN m", at_top=way * (1e3 + MU * TURNED))
+    found = moved(turning_speed=way, bit_torque="3 kN m", load_at_top=way * (1e3 + MU * TURNED))
     assert found.torque[-1] == pytest.approx(way * 1e3, rel=1e-9)
     assert whole.torque - found.torque == pytest.approx(np.full(found.depth.size, way * 2e3), rel=1e-9)
-    assert found.front == found.depth[-1] and found.bit_held and not found.moves and "which the rock holds" in str(found)
-    assert not whole.bit_held and whole.moves
+    assert found.sliding_front == found.depth[-1] and found.bit_static and not found.moves and "which the rock holds" in str(found)
+    assert not whole.bit_static and whole.moves
 
 
 def test_the_run_of_a_string_that_is_wound_up_slowly_leaves_stuck_what_is_below_the_front():
@@ -110,10 +112,10 @@ def test_the_run_of_a_string_that_is_wound_up_slowly_leaves_stuck_what_is_below_
     whole = torque_drag([PIPE, COLLAR], hole, MU, mud_density=MUD, turning_speed=1.0)
     torque = 0.45 * whole.torque[0]
     run = simulate(compose(chain), 100.0, inputs={"top.torque": ramp(0.0, torque, begin=0.0, finish=85.0)}, accuracy=1e-4)
-    found = torque_drag([PIPE, COLLAR], hole, MU, mud_density=MUD, turning_speed=1.0, at_top=torque)
+    found = torque_drag([PIPE, COLLAR], hole, MU, mud_density=MUD, turning_speed=1.0, load_at_top=torque)
     slid = [chain.depth[i] for i in chain.friction_at if run.time_in(f"chain.{i}", "stick") < 95.0]
     spacing = max(np.diff(chain.depth))
-    assert 800.0 < found.front < 1600.0 and max(slid) == pytest.approx(found.front, abs=1.5 * spacing)
+    assert 800.0 < found.sliding_front < 1600.0 and max(slid) == pytest.approx(found.sliding_front, abs=1.5 * spacing)
     assert float(np.sum(run.at(100.0)["chain.twist"])) == pytest.approx(found.twist, rel=0.03)
 
 
@@ -121,7 +123,7 @@ def test_its_picture_shades_what_is_stuck_and_takes_another_motion(tmp_path):
     matplotlib.use("Agg")
     found = moved(axial_speed=-1.0)
     axes = found.plot("pulled")
-    part = moved(turning_speed=1.0, at_top=2000.0)
+    part = moved(turning_speed=1.0, load_at_top=2000.0)
     assert part.plot("wound", axes) is axes and not part.moves
     assert [text.get_text() for text in axes[0].figure.legends[0].get_texts()] == [
         "without drag",
@@ -130,8 +132,8 @@ def test_its_picture_shades_what_is_stuck_and_takes_another_motion(tmp_path):
         "stuck, wound",
     ] and not axes[0].patches
     band = axes[1].patches[0].get_extents().transformed(axes[1].transData.inverted())
-    assert sorted((band.y0, band.y1)) == pytest.approx([part.front, 1700.0])
-    assert TorqueDrag.load(part.save(tmp_path / "part.npz")).front == part.front
+    assert sorted((band.y0, band.y1)) == pytest.approx([part.sliding_front, 1700.0])
+    assert TorqueDrag.load(part.save(tmp_path / "part.npz")).sliding_front == part.sliding_front
     assert len(part.to_csv(tmp_path / "part.csv").read_text().splitlines()) == part.depth.size + 1
     assert "stuck below" in str(part) and "all of it slides" in str(found)
 
@@ -152,10 +154,10 @@ def test_the_path_of_a_well_is_drawn_to_scale():
     ("kind", "words"),
     [
         ({}, "must not both be 0"),
-        ({"turning_speed": 1.0, "axial_speed": 1.0, "at_top": 1.0}, "one motion"),
-        ({"turning_speed": 1.0, "at_top": -5.0}, "torque above 0 N m"),
-        ({"axial_speed": -1.0, "at_top": 1.0}, "hook load above"),
-        ({"axial_speed": 1.0, "at_top": 1e7}, "hook load below"),
+        ({"turning_speed": 1.0, "axial_speed": 1.0, "load_at_top": 1.0}, "one motion"),
+        ({"turning_speed": 1.0, "load_at_top": -5.0}, "torque above 0 N m"),
+        ({"axial_speed": -1.0, "load_at_top": 1.0}, "hook load above"),
+        ({"axial_speed": 1.0, "load_at_top": 1e7}, "hook load below"),
         ({"axial_speed": 1.0, "weight_on_bit": -1.0}, "weight_on_bit"),
     ],
 )

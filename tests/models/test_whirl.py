@@ -14,10 +14,10 @@ from studies.questions import whirl
 from toolbox import SceneError, compose, energy_audit, measure, simulate
 
 FREE = Coulomb(static=0.0, kinetic=0.0)
-FLYWHEEL = TorsionalChain(inertia=(1e9, 1e9), stiffness=(0.0,), damping=(0.0,), collar=-1)  # turns at the speed it starts with
+FLYWHEEL = TorsionalChain(inertia=(1e9, 1e9), stiffness=(0.0,), damping=(0.0,), collar_index=-1)  # turns at the speed it starts with
 WEIGHT = 100_000.0
 COLLAR = WhirlingCollar(weight=WEIGHT)
-STRING = dataclasses.replace(wells.UFRJ_2, collar=-1)
+STRING = dataclasses.replace(wells.UFRJ_2, collar_index=-1)
 
 
 def turning(speed, radius=0.0):
@@ -58,7 +58,9 @@ def test_the_string_of_two_inertias_follows_from_the_published_table():
 # ------------------------------------------------------------------------------------------------------------------------- states, contacts, signals
 @pytest.mark.parametrize(("n", "rock", "collar"), [(n, r, c) for n in (2, 4) for r in (False, True) for c in (False, True)])
 def test_a_plant_has_the_states_and_contacts_of_its_parts_and_no_others(n, rock, collar):
-    chain = TorsionalChain(inertia=(1000.0,) * n, stiffness=(500.0,) * (n - 1), damping=(10.0,) * (n - 1), collar=-1 if collar else None)
+    chain = TorsionalChain(
+        inertia=(1000.0,) * n, stiffness=(500.0,) * (n - 1), damping=(10.0,) * (n - 1), collar_index=-1 if collar else None
+    )
     parts = [chain] + [BitRock()] * rock + [WhirlingCollar(weight=None if rock else 0.0)] * collar
     plant = compose(*parts)
     assert plant.x.numel() == 2 * n - 1 + 5 * collar  # the angle of the bit, and y, z with their rates
@@ -71,7 +73,7 @@ def test_without_a_collar_the_string_turns_bit_for_bit_as_it_did():
     rock, torque = BitRock(weight=60_000.0), {"top.torque": 9_000.0}
     never = simulate(compose(wells.UFRJ_2, rock), 60.0, inputs=torque)
     whirling = compose(STRING, rock, WhirlingCollar())
-    removed = compose(*[dataclasses.replace(part, collar=None) if part is STRING else part for part in whirling.parts[:2]])
+    removed = compose(*[dataclasses.replace(part, collar_index=None) if part is STRING else part for part in whirling.parts[:2]])
     assert not any("collar" in name for name in (*removed.signals, *removed.inputs, *removed.parameters, *removed.supplies))
     again = simulate(removed, 60.0, inputs=torque)
     assert never.events and never.events == again.events
@@ -93,11 +95,11 @@ def test_a_collar_balanced_in_the_middle_of_its_hole_leaves_the_string_as_it_was
 
 def test_a_collar_that_cannot_be_built_or_connected_is_refused_by_name():
     with pytest.raises(SceneError, match="`chain.collar` must be an integer >= -2 and <= 1"):
-        compose(dataclasses.replace(STRING, collar=2))
+        compose(dataclasses.replace(STRING, collar_index=2))
     with pytest.raises(SceneError, match="`inner_diameter`, `outer_diameter` and `hole_diameter` must increase"):
         compose(FLYWHEEL, dataclasses.replace(COLLAR, hole_diameter=0.17))
     with pytest.raises(SceneError, match=r"collar.speed"):
-        compose(dataclasses.replace(FLYWHEEL, collar=None), COLLAR)
+        compose(dataclasses.replace(FLYWHEEL, collar_index=None), COLLAR)
     with pytest.raises(SceneError, match=r"bit.weight"):
         compose(FLYWHEEL, WhirlingCollar())
     with pytest.raises(SceneError, match="collar.eccentricity"):
@@ -220,7 +222,7 @@ def test_without_friction_no_wall_contact_turns_the_whirl_backward():
 # --------------------------------------------------------------------------------------------------------------------------------------- energy
 def test_without_friction_and_drag_energy_and_the_drives_momentum_are_kept():
     collar = dataclasses.replace(COLLAR, drag_coefficient=0.0, wall_damping=0.0, friction=FREE, weight=0.0)
-    chain = TorsionalChain(inertia=(2000.0, 500.0), stiffness=(300.0,), damping=(0.0,), collar=-1)
+    chain = TorsionalChain(inertia=(2000.0, 500.0), stiffness=(300.0,), damping=(0.0,), collar_index=-1)
     start = {"chain.speed": (30.0, 25.0), "collar.velocity": (0.3, -0.2)}
     run = simulate(compose(chain, collar), 5.0, start=start, accuracy=1e-9)
     assert sum(event.after == "closed" for event in run.events) > 20
@@ -310,7 +312,7 @@ def reference(collar, speed0, inertia, duration):
 
 def test_impacts_agree_with_an_independent_integration_of_centre_and_angle():
     collar = dataclasses.replace(COLLAR, wall_stiffness=1e8, friction=Coulomb(static=0.1, kinetic=0.1))
-    chain = TorsionalChain(inertia=(1.0, 455.0), stiffness=(0.0,), damping=(0.0,), collar=-1)
+    chain = TorsionalChain(inertia=(1.0, 455.0), stiffness=(0.0,), damping=(0.0,), collar_index=-1)
     times, end = reference(collar, 26.0, 455.0, 0.3)
     assert len(times) >= 6
     gaps = []

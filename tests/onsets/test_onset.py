@@ -154,7 +154,7 @@ def test_under_a_constant_torque_stick_slip_ends_at_one_torque_and_standstill_at
     found = onset(closed_loop(plant, inputs={"top.torque": 10_560.0}), "top.torque", between, values=values, tolerance=tolerance)
     assert found.breakaway == pytest.approx(0.8 * 97_347.0 * 0.155575, rel=1e-8) and found.breakaways[0].safe == "above"
     cycle = limit_cycle(simulate(plant, 400.0, inputs={"top.torque": 10_300.0}, accuracy=1e-9))
-    lost = follow(cycle, "top.torque", (10_300.0, 11_000.0), towards=11_000.0).bifurcations[0]
+    lost = follow(cycle, "top.torque", (10_300.0, 11_000.0), start_towards=11_000.0).bifurcations[0]
     # beside it lives a cycle of twice the period, which lasts 0.13 N m longer
     assert found.end == pytest.approx(lost.value, rel=2e-5) and [border.safe for border in found.ends] == ["above"]
     assert found.verdict(10_560.0) == "bistable" and found.verdict(11_800.0) == "smooth or stuck"

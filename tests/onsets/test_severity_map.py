@@ -141,7 +141,7 @@ def test_stick_slip_ends_where_its_cycle_followed_does_whatever_range_is_mapped(
     plant = compose(well, BitRock())
     seed = {wells.JANSEN_2: 6.0, wells.NAVARRO_LOPEZ_2: 4.0}.get(well, 5.0 if isinstance(law, StiffPI) else 3.0)
     cycle = limit_cycle(simulate(plant, 400.0, controller=law, inputs={"top.reference": seed}, accuracy=1e-9))
-    lost = follow(cycle, "top.reference", (seed, 14.0), towards=14.0).bifurcations[0].value
+    lost = follow(cycle, "top.reference", (seed, 14.0), start_towards=14.0).bifurcations[0].value
     over = {"top.reference": between, "bit.weight": (97_347.0 - 500.0, 97_347.0 + 500.0)}
     found = severity_map(closed_loop(plant, law), over, shape=(values, 3), halvings=8)
     assert found.border("sticking", 97_347.0) == pytest.approx([lost], rel=5e-3)

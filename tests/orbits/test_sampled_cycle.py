@@ -140,7 +140,7 @@ def test_a_branch_of_sampled_cycles_loses_its_stability_where_the_loop_of_its_sa
         closed_loop(plant, Holding(0.05, i), sample_time=h, inputs={"block.load": sine(0.0, 0.0, 1 / (count * h))}), 800.0, period=count * h
     )
     name = next(name for name in cycle.run.program.system.parameters if name.endswith(".proportional"))
-    branch = follow(cycle, name, (0.0, 2.0), points=60, towards=2.0)
+    branch = follow(cycle, name, (0.0, 2.0), points=60, start_towards=2.0)
     torus = [point for point in branch.bifurcations if point.kind == "Neimark-Sacker"]
     np.testing.assert_allclose(torus[0].value, theory, rtol=1e-8)
     assert cmath.isclose(abs(torus[0].cycle.multipliers[0]), 1.0, rel_tol=1e-8)

@@ -135,7 +135,7 @@ def test_a_slipping_block_grazes_where_its_linear_response_is_as_fast_as_the_bel
     plant = compose(BlockOnBelt(mass=1.0, stiffness=K, damping=C, belt_speed=1.2 * exact, friction=Coulomb(static=1.0, kinetic=1.0)))
     slipping = limit_cycle(closed_loop(plant, inputs={"block.force": sine(0.0, force, 1 / PERIOD)}), 40 * PERIOD)
     assert modes(slipping.run) == [-1]
-    (point,) = follow(slipping, "block.belt_speed", (0.9 * exact, 1.3 * exact), towards=0.9 * exact).bifurcations
+    (point,) = follow(slipping, "block.belt_speed", (0.9 * exact, 1.3 * exact), start_towards=0.9 * exact).bifurcations
     assert point.kind == "grazing-sliding"
     assert point.value == pytest.approx(exact, rel=1e-7)
 
@@ -152,6 +152,6 @@ def test_a_symmetric_motion_gains_both_its_stops_at_one_crossing_sliding():
         return x + x0, v, K * x0 - A * np.sin(OM * t) - 1.0
 
     exact = fsolve(equations, (3.5, 4.5, 3.2), xtol=1e-13)[0]
-    (point,) = follow(cycle, "block.force.amplitude", (3.2, 4.6), towards=3.2).bifurcations
+    (point,) = follow(cycle, "block.force.amplitude", (3.2, 4.6), start_towards=3.2).bifurcations
     assert point.kind == "crossing-sliding"
     assert point.value == pytest.approx(exact, rel=1e-6)

@@ -128,7 +128,7 @@ def test_stops_appear_in_den_hartogs_oscillator_where_it_just_starts_again_at_it
     frequency = r / (2 * math.pi)
     cycle = limit_cycle(closed_loop(plant, inputs={"block.force": sine(0.0, 1.0, frequency), "block.load": theory - 0.1}), 400.0)
     assert cycle.stick_share("belt") == 0.0
-    branch = follow(cycle, "block.load", (theory - 0.12, theory + 0.1), points=60, towards=theory + 0.1)
+    branch = follow(cycle, "block.load", (theory - 0.12, theory + 0.1), points=60, start_towards=theory + 0.1)
     stops = [point for point in branch.bifurcations if point.kind == "crossing-sliding"]
     np.testing.assert_allclose(stops[0].value, theory, atol=1e-7)
     assert branch.cycles[-1].stick_share("belt") > 0.0  # a crossing has become a stop, and the cycle goes on

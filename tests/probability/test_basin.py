@@ -72,8 +72,10 @@ def test_near_the_border_a_swing_takes_longer_than_a_plain_simulation_waits():
     for one so near to that cycle that time stepping is on its other side, which a run at 1e-8 tells."""
     found = basin(oscillator(1.2), BOX, 300)
     back = found.outcomes == SMOOTH
-    near = found.starts[np.hypot(*(found.starts - [[found.point[0], 0.0]]).T) < 1.5]  # from farther away every start sticks at once
-    kept = np.isin(found.starts[:, 0], near[:, 0])
+    near = found.initial_states[
+        np.hypot(*(found.initial_states - [[found.equilibrium[0], 0.0]]).T) < 1.5
+    ]  # from farther away every start sticks at once
+    kept = np.isin(found.initial_states[:, 0], near[:, 0])
     assert not back[~kept].any()
     other = (swings(1.2, near, 1000.0, 0.01) < 1.2) != back[kept]
     assert other.sum() <= 1
@@ -85,19 +87,20 @@ def test_near_the_border_a_swing_takes_longer_than_a_plain_simulation_waits():
 
 def test_run_by_run_the_outcome_is_that_of_a_plain_simulation():
     found = basin(oscillator(1.6), BOX, 100)
-    assert np.mean((swings(1.6, found.starts) < 1.6) == (found.outcomes == SMOOTH)) >= 0.98
+    assert np.mean((swings(1.6, found.initial_states) < 1.6) == (found.outcomes == SMOOTH)) >= 0.98
 
 
 def test_the_smallest_disturbance_lies_on_the_border():
     loop = closed_loop(compose(wells.JANSEN_2, BitRock()), StiffPI(reference=10.0))
     found = basin(loop, {"bit.speed": (0.0, "290 rpm")}, 40)
-    tip, point = float(found.smallest[0]), float(found.point[0])
+    tip, point = float(found.smallest_disturbances[0]), float(found.equilibrium[0])
     assert (
-        point == pytest.approx(10.0, abs=1e-6) and 0.0 < abs(tip - point) <= np.abs(found.starts[found.outcomes != SMOOTH, 0] - point).min()
+        point == pytest.approx(10.0, abs=1e-6)
+        and 0.0 < abs(tip - point) <= np.abs(found.initial_states[found.outcomes != SMOOTH, 0] - point).min()
     )
     inside = point + 0.98 * (tip - point)
     near = basin(loop, {"bit.speed": (min(inside, point), max(inside, point))}, 10)
-    assert near.share == 1.0 and np.isnan(near.smallest).all()
+    assert near.share == 1.0 and np.isnan(near.smallest_disturbances).all()
     assert "rpm" in str(found) and len(found.plot().lines) == 4
 
 
@@ -110,14 +113,14 @@ def test_what_is_no_state_is_refused():
 
 def test_clear_outcomes_are_those_of_the_judge_and_few_are_left_to_it():
     found = basin(oscillator(1.55), {"block.position": (-2.0, 2.0), "block.speed": (0.0, 2.0)}, 200)
-    loop = closed_loop(oscillator(1.55), start=dict(zip(found.names, found.point.tolist(), strict=True)))
-    search = Search(loop, Variations((), np.zeros((1, 0)), (1,)), Variations(found.names, found.starts, (200,)), None, None, 1e-4)
-    assert [search.judge(row)[0] for row in found.starts] == found.outcomes.tolist() and {SMOOTH, STICK_SLIP} == set(
+    loop = closed_loop(oscillator(1.55), start=dict(zip(found.names, found.equilibrium.tolist(), strict=True)))
+    search = Search(loop, Variations((), np.zeros((1, 0)), (1,)), Variations(found.names, found.initial_states, (200,)), None, None, 1e-4)
+    assert [search.judge(row)[0] for row in found.initial_states] == found.outcomes.tolist() and {SMOOTH, STICK_SLIP} == set(
         found.outcomes.tolist()
     )
-    assert found.judged == 0
+    assert found.judged_runs == 0
 
 
 def test_where_small_disturbances_grow_the_smallest_is_none_at_all():
     found = basin(oscillator(1.0), BOX, 50)
-    assert found.share == 0.0 and np.array_equal(found.smallest, found.point)
+    assert found.share == 0.0 and np.array_equal(found.smallest_disturbances, found.equilibrium)

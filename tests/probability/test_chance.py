@@ -90,7 +90,7 @@ def test_a_swing_that_has_died_out_needs_no_judge_and_is_as_he_says(monkeypatch)
     monkeypatch.setattr(verb, "DIED_OUT", 0.0)
     by_judge = chance(loop, OVER, UNCERTAIN, draws=16)
     assert np.array_equal(found.outcomes["as it is"], by_judge.outcomes["as it is"])
-    assert found.judged["as it is"] < 0.25 * by_judge.judged["as it is"]
+    assert found.judged_runs["as it is"] < 0.25 * by_judge.judged_runs["as it is"]
 
 
 @pytest.mark.parametrize("duration", [None, 150.0])

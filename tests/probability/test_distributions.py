@@ -83,7 +83,7 @@ def test_a_group_of_drawn_machines_has_their_numbers_as_factors_of_the_declared_
     group, design = drawn_group(rig, known, 5, seed=3), drawn(rig, known, 5, 3)
     assert group.name == "drawn" and len(group.machines) == 5
     for machine, row in zip(group.machines, design.points, strict=True):
-        values = [factor * closed_loop(rig).number(name).value for name, factor in machine.factors]
+        values = [factor * closed_loop(rig).number(name).value for name, factor in machine.parameter_factors]
         assert values == pytest.approx(row.tolist(), rel=1e-14)
 
 

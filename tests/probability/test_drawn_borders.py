@@ -58,9 +58,9 @@ def test_borders_print_draw_and_go_to_a_file(found, tmp_path):
 def test_a_machine_that_is_free_everywhere_or_nowhere_is_told():
     loop = closed_loop(RIG, StiffPI())
     free = uncertain_onset(loop, "top.reference", (25.0, 30.0), KNOWN, draws=4, values=3)
-    assert (free.borders["as it is"] == -math.inf).all() and "below" in str(free) and "by fewer than 72 draws" in str(free)
+    assert (free.onset_values["as it is"] == -math.inf).all() and "below" in str(free) and "by fewer than 72 draws" in str(free)
     never = uncertain_onset(loop, "top.reference", (3.0, 4.0), KNOWN, draws=4, values=3)
-    assert (never.borders["as it is"] == math.inf).all() and "none" in str(never)
+    assert (never.onset_values["as it is"] == math.inf).all() and "none" in str(never)
 
 
 def test_what_makes_no_sense_is_refused(found):

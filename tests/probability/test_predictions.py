@@ -85,7 +85,7 @@ def test_long_holes_in_what_drives_a_machine_are_bridged_only_where_that_is_said
 def compared():
     laws = {
         "exponential": Exponential(static=1.0, kinetic=0.6, decay=2.0),
-        "Gaussian": GaussianStribeck(static=1.0, kinetic=0.6, speed=0.5),
+        "Gaussian": GaussianStribeck(static=1.0, kinetic=0.6, stribeck_speed=0.5),
         "Coulomb": Coulomb(static=1.0, kinetic=0.6),
     }
     models, data, read = {}, {}, {}
@@ -134,8 +134,8 @@ def test_a_datum_that_was_left_out_is_scored_by_the_mean_density_of_the_draws():
     rows = [{"belt.friction.static": value} for value in found.posteriors["one"]["belt.friction.static"].tolist()]
     told = sweep(loop, rows, 3.0, metrics=read, accuracy=1e-8)["second"]
     density = np.exp(-0.5 * ((told - 0.6) / 0.3) ** 2) / (0.3 * math.sqrt(2 * math.pi))
-    assert found.scores["one"][0] == pytest.approx(math.log(density.mean()), abs=1e-4)
-    assert np.array_equal(found.scores["one"], found.scores["same"]) and found.behind("one") == (0.0, 0.0)
+    assert found.log_scores["one"][0] == pytest.approx(math.log(density.mean()), abs=1e-4)
+    assert np.array_equal(found.log_scores["one"], found.log_scores["same"]) and found.behind("one") == (0.0, 0.0)
 
 
 def test_models_without_priors_of_their_own_are_refused():

@@ -175,7 +175,7 @@ def test_a_result_file_with_former_fields_loads(tmp_path):
 
 
 def test_a_file_of_set_points_with_former_groups_and_fields_loads(tmp_path):
-    limit = SetPointLimit(8.0, "sticks", highest=9.0, time_above_setpoint=0.1, relapses_per_hour=2.0, margin_nominal=0.5)
+    limit = SetPointLimit(8.0, "sticks", highest_set_point=9.0, time_above_setpoint=0.1, relapses_per_hour=2.0, disk_margin_nominal=0.5)
     now = {("PI", "nominal", "takeover"): limit, ("PI", "one_at_a_time", "ramp"): limit, ("PI", "other_rocks", "takeover"): limit}
     found = LowestSetPoints("stiff", now, (2.0, 9.0), 0.1)
     found.save(tmp_path / "new.npz")
@@ -183,8 +183,8 @@ def test_a_file_of_set_points_with_former_groups_and_fields_loads(tmp_path):
         text = str(data["result"])
     former = (
         ("nominal", "declared"), ("one_at_a_time", "robust"), ("other_rocks", "rocks"), ("takeover", "direct"), ("ramp", "raised"),
-        ("initial_controller", "before"), ("bounds", "between"), ("highest", "until"), ("time_above_setpoint", "above"),
-        ("relapses_per_hour", "again"), ("margin_nominal", "margin_declared"),
+        ("initial_controller", "before"), ("bounds", "between"), ("highest_set_point", "until"), ("time_above_setpoint", "above"),
+        ("relapses_per_hour", "again"), ("disk_margin_nominal", "margin_declared"), ("lowest_set_point", "speed"),
     )  # fmt: skip
     for new, old in former:
         assert f'"{new}"' in text

@@ -261,7 +261,7 @@ def of_drives(results):
         cells = [
             rpm * value["speed"],
             value["margin"],
-            value["margin_nominal"],
+            value["disk_margin_nominal"],
             value["time_above_setpoint"],
             value["recovery"],
             rpm * value["fastest"],

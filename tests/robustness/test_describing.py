@@ -23,7 +23,7 @@ def test_coulomb_friction_on_a_moving_belt_is_a_relay_with_a_bias():
     )
     a = found.amplitude
     over = a > 0.5
-    assert found.slip == pytest.approx(-0.5, rel=1e-9) and 50 < over.sum() < a.size
+    assert found.steady_slip == pytest.approx(-0.5, rel=1e-9) and 50 < over.sum() < a.size
     assert found.gain[~over] == pytest.approx(0.0, abs=1e-12)
     assert found.gain[over] == pytest.approx(-4 * 2.0 / (np.pi * a[over]) * np.sqrt(1 - (0.5 / a[over]) ** 2), rel=1e-9)
     assert not found.cycles and "no cycle is predicted" in str(found)
@@ -49,7 +49,7 @@ def test_what_is_left_is_the_machine_without_the_contact():
         )
     )
     s = 1j * found.omega
-    assert found.response == pytest.approx(s / (2.0 * s**2 + 0.3 * s + 8.0), rel=1e-9)
+    assert found.linear_response == pytest.approx(s / (2.0 * s**2 + 0.3 * s + 8.0), rel=1e-9)
 
 
 def test_a_small_harmonic_sees_the_slope_of_friction():
@@ -57,7 +57,7 @@ def test_a_small_harmonic_sees_the_slope_of_friction():
     rock = 97_347.0 * 0.155575
     speed = equilibrium(SOFT)["bit.speed"]
     slope = rock * (0.8 - 0.5) * 0.9 * np.exp(-0.9 * speed)  # of T = rock (0.5 + 0.3 exp(-0.9 w)), which falls
-    assert found.gain[0] == pytest.approx(slope, rel=1e-6) and found.slip == pytest.approx(speed)
+    assert found.gain[0] == pytest.approx(slope, rel=1e-6) and found.steady_slip == pytest.approx(speed)
 
 
 def test_the_unstable_cycle_of_the_machine_is_the_one_that_is_predicted():
@@ -133,7 +133,7 @@ def test_without_integral_action_the_mean_moves_with_the_swing():
 def test_the_cycle_that_there_is_stands_beside_it_and_both_are_drawn():
     cycle = limit_cycle(SOFT, 200.0)
     found = describing_function(SOFT, cycle)
-    assert found.exact == (cycle.period, *cycle.extremes("bit.slip"))
+    assert found.given_cycle == (cycle.period, *cycle.extremes("bit.slip"))
     text = str(found)
     assert "attracts, sticks" in text and text.splitlines()[-1].split()[:2] == ["exact", f"{cycle.period:.4g}"] and "[rpm]" in text
     gains, plane = found.plot()
@@ -240,11 +240,11 @@ def test_a_dense_search_finds_no_other_cycle(seed):
         rig = Rig(draw)
         found = describing_function(rig.loop)
         assert all(solves_both_equations(rig, each) for each in found.cycles)
-        crossing = np.flatnonzero(found.response.imag[:-1] * found.response.imag[1:] < 0.0)
+        crossing = np.flatnonzero(found.linear_response.imag[:-1] * found.linear_response.imag[1:] < 0.0)
         for low, high in zip(found.omega[crossing], found.omega[crossing + 1], strict=True):
             frequency = brentq(lambda w, rig=rig: rig.dynamic_stiffness(1j * w).imag, low, high, xtol=1e-15)
             near = [(each.mean, each.amplitude) for each in found.cycles if low < each.frequency < high]
-            for place in rig.dense(frequency, 2.9 * found.slip):
+            for place in rig.dense(frequency, 2.9 * found.steady_slip):
                 assert min(np.hypot(*(np.reshape(near, (-1, 2)) - place).T), default=np.inf) < 1e-3
                 number += 1
     assert number > 8

@@ -215,7 +215,7 @@ def test_a_drive_with_lags_stands_between_the_law_and_the_string(rig):
     plain = performance_limit(rig, {"top.speed": 3.0}, period=0.01, delay=0.03).disk_margin
     assert performance_limit(late, {"top.speed": 3.0}, period=0.01, delay=0.03).disk_margin == pytest.approx(plain, rel=0.02)
     found = margins(closed_loop(late, Sampled(SoftTorque(reference=6.5), 0.01, 0.03)))
-    assert found.loops[0].command == "drive.command"
+    assert found.loop_margins[0].command == "drive.command"
     assert 0.0 < found.disk_margin < margins(closed_loop(rig, Sampled(SoftTorque(reference=6.5), 0.01, 0.03))).disk_margin
 
 
@@ -234,7 +234,7 @@ def test_a_damper_and_an_inertia_like_the_bit_bear_the_slope_of_the_closed_form(
 
 @pytest.mark.slow
 def test_the_inertia_of_the_drive_costs_the_absorber_speed(rig):
-    free, own = (absorber_limit(rig, (1.0, 8.0), own_inertia=each) for each in (False, True))
+    free, own = (absorber_limit(rig, (1.0, 8.0), keep_inertia=each) for each in (False, True))
     assert free.speed < own.speed and own.inertia == pytest.approx(2122.0)
     # spring and damper on the drive are a PI: there it is stable, and a little below no PI is
     law = PI(reference=own.speed, proportional=own.damping, integral=own.stiffness)
@@ -242,7 +242,7 @@ def test_the_inertia_of_the_drive_costs_the_absorber_speed(rig):
 
     def growth(logs):
         below = PI(reference=0.98 * own.speed, proportional=own.damping * math.exp(logs[0]), integral=own.stiffness * math.exp(logs[1]))
-        return margins(closed_loop(rig, below)).loop.growth()
+        return margins(closed_loop(rig, below)).linear_loop.growth()
 
     assert minimize(growth, np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5}).fun > 0.0
     assert "smooth down to" in str(own)

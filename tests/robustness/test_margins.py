@@ -205,13 +205,13 @@ def test_a_sampled_loop_is_that_of_the_exact_z_domain(rotor, period, delay):
     by_hand = GAIN * control.tf([b0, b1], [1.0, -a] + [0.0] * (whole + 1), period)
     found = margins(closed_loop(rotor, Sampled(Proportional(), period, delay)))
     w = np.linspace(1e-3, math.pi / period, 200_001)
-    ours = found.loop.transfer(w[::5000])[:, 0, 0]
+    ours = found.linear_loop.transfer(w[::5000])[:, 0, 0]
     np.testing.assert_allclose(ours, [complex(by_hand(np.exp(1j * each * period))) for each in w[::5000]], rtol=1e-9, atol=1e-12)
     row = found["rotor.torque"]
     gain, phase, *_ = control.stability_margins(by_hand)
     assert row.highest_gain == pytest.approx(gain, rel=1e-6)
     assert math.degrees(row.phase_margin) == pytest.approx(phase, rel=1e-6)
-    curve = found.loop.transfer(w)[:, 0, 0]
+    curve = found.linear_loop.transfer(w)[:, 0, 0]
     assert row.disk_margin == pytest.approx(2 / np.abs((1 - curve) / (1 + curve)).max(), rel=1e-6)
     assert row.peak_sensitivity == pytest.approx(1 / np.abs(1 + curve).min(), rel=1e-6)
 
@@ -283,7 +283,7 @@ def test_two_drives_that_do_not_meet_have_the_margins_of_each_alone():
         margins(closed_loop(compose(Rotor(inertia=i)), Sampled(Proportional(gain=g), 0.3, d))).disk_margin
         for i, g, d in ((J, 3.0, 0.3), (1.0, 1.0, 0.0))
     ]
-    assert [row.disk_margin for row in found.loops] == pytest.approx(alone, rel=1e-9)
+    assert [row.disk_margin for row in found.loop_margins] == pytest.approx(alone, rel=1e-9)
     assert found.disk_margin == pytest.approx(min(alone), rel=1e-6)
     assert "all, each its own" in str(found)
     assert found["right.torque"].delay_margin == pytest.approx(
@@ -312,14 +312,14 @@ class OnSide(Controller):
 @pytest.mark.slow
 def test_the_margins_of_a_drill_string_are_those_of_python_control_on_a_fine_grid(rig):
     found = margins(closed_loop(rig, Sampled(LQG(reference=5.0, delay_samples=3), 0.01, 0.03)))
-    loop = control.ss(found.loop.A, found.loop.B, -found.loop.C, -found.loop.D, 0.01)
+    loop = control.ss(found.linear_loop.A, found.linear_loop.B, -found.linear_loop.C, -found.linear_loop.D, 0.01)
     disk, *_ = control.disk_margins(loop, np.geomspace(3.0, 4.5, 20_000), skew=0.0)
     assert found.disk_margin == pytest.approx(disk, rel=1e-6)
     # `control.stability_margins` finds crossings here that are none (of 15 poles by polynomials): poles tell the gain, a grid the phase
     row = found["top.torque"]
-    assert found.loop.growth(0.9999 * row.highest_gain) < 0.0 < found.loop.growth(1.0001 * row.highest_gain)
-    assert all(found.loop.growth(k) < 0.0 for k in np.linspace(0.01, 0.9999 * row.highest_gain, 100))
-    curve = found.loop.transfer(np.geomspace(0.01, math.pi / 0.01, 100_000))[:, 0, 0]
+    assert found.linear_loop.growth(0.9999 * row.highest_gain) < 0.0 < found.linear_loop.growth(1.0001 * row.highest_gain)
+    assert all(found.linear_loop.growth(k) < 0.0 for k in np.linspace(0.01, 0.9999 * row.highest_gain, 100))
+    curve = found.linear_loop.transfer(np.geomspace(0.01, math.pi / 0.01, 100_000))[:, 0, 0]
     crossing = np.flatnonzero(np.diff(np.sign(np.abs(curve) - 1.0)))
     assert row.phase_margin == pytest.approx(np.abs(np.angle(-curve[crossing])).min(), abs=2e-3)
 
@@ -381,15 +381,15 @@ def test_the_machine_itself_loses_smooth_running_where_the_margin_says(rig, labe
 def test_a_relay_has_measured_margins_and_no_linear_ones(rig):
     found = margins(closed_loop(rig, IdealSlidingMode(reference=6.0)), inertia="chain.inertia.0", duration=40.0)
     assert math.isnan(found.disk_margin) and not found.stable and "switches" in found.reason
-    assert found.measured.highest_gain > 1.1 and math.isnan(found.measured.delay)
-    assert found.measured.lowest_inertia < 0.8
+    assert found.simulated_margins.highest_gain > 1.1 and math.isnan(found.simulated_margins.delay)
+    assert found.simulated_margins.lowest_inertia < 0.8
     assert "measured" in str(found) and "There is no linear loop" in str(found)
 
 
 def test_measured_margins_of_a_linear_law_agree_with_its_linear_ones(rig):
     found = margins(closed_loop(rig, Sampled(LQG(reference=5.0, delay_samples=3), 0.01, 0.03)), measured=True)
-    assert found.measured.highest_gain == pytest.approx(found["top.torque"].highest_gain, rel=0.03)
-    assert found.measured.delay == pytest.approx(found.delay_margin, rel=0.03)
+    assert found.simulated_margins.highest_gain == pytest.approx(found["top.torque"].highest_gain, rel=0.03)
+    assert found.simulated_margins.delay == pytest.approx(found.delay_margin, rel=0.03)
 
 
 @pytest.mark.parametrize(("reference", "grows"), [(3.985, True), (4.0, False)])
@@ -416,7 +416,7 @@ def test_a_law_that_lifts_the_set_point_for_a_while_has_the_margins_of_the_law_i
 def test_a_loop_that_fails_as_it_is_has_no_measured_margin(rig):
     found = margins(closed_loop(rig, Sampled(StiffPI(reference=3.0), 0.01)), measured=True, duration=100.0)  # below its Hopf speed
     assert not found.stable
-    assert (found.measured.lowest_gain, found.measured.highest_gain, found.measured.delay) == (1.0, 1.0, 0.0)
+    assert (found.simulated_margins.lowest_gain, found.simulated_margins.highest_gain, found.simulated_margins.delay) == (1.0, 1.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -435,7 +435,7 @@ def test_a_law_without_a_derivative_says_why(rotor, law, why):
         else Sampled(law, 0.01, measured_signals="rotor.speed", actuated_signals="rotor.torque")
     )
     found = margins(closed_loop(rotor, given), measured=False)
-    assert why in found.reason and math.isnan(found.disk_margin) and found.measured is None
+    assert why in found.reason and math.isnan(found.disk_margin) and found.simulated_margins is None
     assert margins(closed_loop(rotor, Sampled(Proportional(reference=0.0), 0.01)), measured=False).reason == ""
 
 
@@ -467,7 +467,7 @@ def test_what_bends_near_to_steady_running_is_no_kink_there_whatever_its_size_be
 @pytest.mark.parametrize("period", ["1 ms", "0.1 ms"])
 def test_a_law_that_takes_weight_off_has_the_linear_loop_of_the_law_inside(rig, period):
     without, relieved = (
-        margins(closed_loop(rig, Lifting(PI(), relief=relief), sample_time=period), measured=False) for relief in (None, 0.4)
+        margins(closed_loop(rig, Lifting(PI(), weight_relief=relief), sample_time=period), measured=False) for relief in (None, 0.4)
     )
     assert relieved.reason == "" and relieved["top.torque"].highest_gain == pytest.approx(without["top.torque"].highest_gain, rel=1e-6)
 
@@ -527,7 +527,7 @@ def test_a_law_that_lifts_runs_steadily_at_what_is_asked_and_not_while_it_lifts(
     inner = PI(proportional=1334.0, integral=2052.0, reference=speed, lowest_torque=0.0, highest_torque="20 kN m")
     lifts = Lifting(inner, reference=speed, observer=Kalman(speed_noise=0.01))
     plain, lifting = (margins(closed_loop(rig, Sampled(law, "10 ms", delay="30 ms"))) for law in (inner, lifts))
-    assert lifting.signals["top.torque"] == pytest.approx(plain.signals["top.torque"], rel=1e-9)
+    assert lifting.operating_point["top.torque"] == pytest.approx(plain.operating_point["top.torque"], rel=1e-9)
     assert lifting.disk_margin == pytest.approx(plain.disk_margin, rel=1e-6)
 
 

@@ -53,8 +53,8 @@ def test_the_chart_has_the_growth_of_the_poles_and_no_margin_where_they_grow():
     chart = stability_chart(PI_LOOP, {"pi.proportional": (100.0, 3000.0), "pi.integral": (50.0, 1500.0)}, shape=(4, 3))
     for i, value in enumerate(chart.axes[0]):
         poles = pole_locus(PI_LOOP.at("pi.proportional", value), "pi.integral", chart.axes[1])
-        assert chart.growth[i] == pytest.approx(poles.real.max(axis=1), rel=1e-6, abs=1e-9)
-    assert (chart.growth > 0).any() and ((chart.growth < 0) == (chart.disk_margin > 0)).all()
+        assert chart.growth_rate[i] == pytest.approx(poles.real.max(axis=1), rel=1e-6, abs=1e-9)
+    assert (chart.growth_rate > 0).any() and ((chart.growth_rate < 0) == (chart.disk_margin > 0)).all()
     ax = chart.plot()
     assert any(line.get_marker() == "o" and line.get_xydata().tolist() == [[1000.0, 500.0]] for line in ax.lines)
 
@@ -62,7 +62,7 @@ def test_the_chart_has_the_growth_of_the_poles_and_no_margin_where_they_grow():
 def test_a_chart_that_is_stable_all_over_is_shaded_no_further_than_it_was_looked_at():
     over = {"pi.proportional": (1500.0, 2500.0), "pi.integral": (300.0, 450.0)}
     chart = stability_chart(PI_LOOP, over, shape=(3, 3))
-    assert (chart.growth < 0).all()
+    assert (chart.growth_rate < 0).all()
     ax = chart.plot()
     shaded = ax.collections[0].get_datalim(ax.transData)
     assert (shaded.x0, shaded.x1, shaded.y0, shaded.y1) == (1500.0, 2500.0, 300.0, 450.0)
@@ -71,7 +71,7 @@ def test_a_chart_that_is_stable_all_over_is_shaded_no_further_than_it_was_looked
 
 def test_without_an_integral_part_there_is_no_steady_running_to_judge():
     chart = stability_chart(PI_LOOP, {"pi.proportional": (500.0, 1500.0), "pi.integral": (0.0, 1000.0)}, shape=(3, 3))
-    assert np.isnan(chart.growth[:, 0]).all() and np.isfinite(chart.growth[:, 1:]).all()
+    assert np.isnan(chart.growth_rate[:, 0]).all() and np.isfinite(chart.growth_rate[:, 1:]).all()
     assert "not known at 3" in str(chart)
 
 

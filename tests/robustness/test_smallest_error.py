@@ -52,7 +52,7 @@ def test_the_border_of_smooth_running_is_exact_along_its_way():
     assert found.linear_size == pytest.approx((0.2 - fall) / (0.2 + fall), abs=2e-6)
     assert "breaks the machine without a law" in str(found)
     # both errors enter s^2 + (c - N f) s + k as one damping, so that D scales to the border itself
-    assert found.guaranteed == pytest.approx((0.2 - fall) / (0.2 + fall), rel=1e-6) and found.unknown == ""
+    assert found.guaranteed_size == pytest.approx((0.2 - fall) / (0.2 + fall), rel=1e-6) and found.undetermined_reason == ""
 
 
 def test_where_no_size_is_guaranteed_it_is_said_why(rig):
@@ -61,7 +61,7 @@ def test_where_no_size_is_guaranteed_it_is_said_why(rig):
     law = Sampled(lambda t, y: at["top.torque"] + 400.0 * (9.0 - y[0]), 0.05)
     start = {name: at[name] for name in ("chain.twist", "chain.speed")}
     found = smallest_error(closed_loop(rig, law), {"bit.weight": 0.02}, 20.0, starts=[start], mean_within=10.0, ripple_within=10.0)
-    assert math.isnan(found.guaranteed) and found.unknown == "the law is a Python callable"
+    assert math.isnan(found.guaranteed_size) and found.undetermined_reason == "the law is a Python callable"
     assert "no size is guaranteed (mu): the law is a Python callable" in str(found)
 
 
@@ -84,20 +84,24 @@ def test_the_smallest_joint_error_is_the_border_of_routh(loop):
     assert borders[nearest] < 0.9 and len(borders) < 8
     assert borders[nearest] <= found.linear_size <= borders[nearest] + PRECISION
     assert found.linear_error == pytest.approx(np.array(nearest) * found.linear_size)
-    assert 0.0 < found.guaranteed <= borders[nearest]  # what holds for every error holds for this one
+    assert 0.0 < found.guaranteed_size <= borders[nearest]  # what holds for every error holds for this one
     assert found.size <= found.linear_size + PRECISION  # and a machine on which smooth running grows has failed
 
 
 def test_the_error_found_breaks_the_machine_and_a_smaller_one_does_not(loop):
     found = smallest_error(loop, {"bit.weight": ("60 kN", "160 kN"), "chain.inertia.0": 0.5}, 60.0)
-    assert math.isfinite(found.size) and found.held < found.size <= found.held + PRECISION and found.size == max(map(abs, found.error))
+    assert (
+        math.isfinite(found.size)
+        and found.largest_tolerated < found.size <= found.largest_tolerated + PRECISION
+        and found.size == max(map(abs, found.error))
+    )
     assert "sticks and slips" in found.why and "weight [kN]" in str(found)
-    off = 100.0 * (found.values["bit.weight"] / found.numbers[0].nominal - 1.0)
+    off = 100.0 * (found.values["bit.weight"] / found.parameters[0].nominal - 1.0)
     assert f"{found.values['bit.weight'] / 1e3:.4g} ({off:+.3g} %)" in str(
         found
     )  # how far off the weight itself is, not in parts of its range
-    for size, sticks in ((found.size, True), (0.9 * found.held, False)):
-        values = {number.name: number.value(size * np.sign(part)) for number, part in zip(found.numbers, found.error, strict=True)}
+    for size, sticks in ((found.size, True), (0.9 * found.largest_tolerated, False)):
+        values = {number.name: number.value(size * np.sign(part)) for number, part in zip(found.parameters, found.error, strict=True)}
         other = loop
         for name, value in values.items():
             other = other.at(name, value)
@@ -111,14 +115,14 @@ def test_an_error_of_the_delay_alone_is_the_delay_margin(rig):
     found = smallest_error(loop, {"delay": (0.05, 0.05 + 1.25 * margin)}, 20.0, mean_within=10.0, ripple_within=10.0)
     assert found.linear_size == pytest.approx(0.8, abs=PRECISION)
     assert found.values["delay"] == pytest.approx(0.05 + 1.25 * margin * found.size)
-    assert 0.2 < found.guaranteed < 0.8  # a factor of any phase is more than a delay
+    assert 0.2 < found.guaranteed_size < 0.8  # a factor of any phase is more than a delay
 
 
 def test_nothing_within_the_ranges_is_said(rig):
     loop = closed_loop(rig, SoftTorque(reference=9.0))
     found = smallest_error(loop, {"bit.weight": 0.02}, 20.0)
-    assert found.size == math.inf and found.error == () and found.values == {} and found.held == 1.0
-    assert "none within the ranges" in str(found) and "stays stable within them" in str(found) and found.guaranteed > 1.0
+    assert found.size == math.inf and found.error == () and found.values == {} and found.largest_tolerated == 1.0
+    assert "none within the ranges" in str(found) and "stays stable within them" in str(found) and found.guaranteed_size > 1.0
 
 
 def test_mistakes_are_told(rig, loop):

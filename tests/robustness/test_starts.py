@@ -89,9 +89,9 @@ def test_a_loop_without_stick_slip_of_its_own_has_no_runs_from_it():
 def test_the_smallest_error_says_what_exists_beside_smooth_running():
     loop = loop_of(SoftTorque(**LIMITS), 7.0)
     found = smallest_error(loop, {"bit.weight": 0.05}, 60.0)
-    assert "started from smooth running" in str(found) and "4 of 4 runs of the nominal plant fail" in found.beside
+    assert "started from smooth running" in str(found) and "4 of 4 runs of the nominal plant fail" in found.own_stick_slip
     calm = smallest_error(loop_of(SoftTorque(**LIMITS), 12.6), {"bit.weight": 0.05}, 60.0)
-    assert "no stick-slip of its own was found" in calm.beside
+    assert "no stick-slip of its own was found" in calm.own_stick_slip
 
 
 def test_phases_are_counted():

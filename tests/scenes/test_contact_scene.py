@@ -58,8 +58,8 @@ def feet():
         np.diag([0.01, 0.01, 0.01, 0.01, 1.0, 1.0]),
         1e-2 * stiffness,
         stiffness,
-        places=[[0.0, 0.0], [0.01, 0.0]],
-        areas=[1e-5, 3e-5],
+        contact_positions=[[0.0, 0.0], [0.01, 0.0]],
+        contact_areas=[1e-5, 3e-5],
     )
 
 
@@ -149,7 +149,7 @@ def test_the_published_cube_runs_as_in_python_bit_for_bit_and_repeats_the_shared
     body = ReducedBody.load(path.with_suffix(".npz"))
     law = Exponential(static=0.35, kinetic=0.25, decay=1.0)
     problem = body.mounted({"back": (1e4, 5e3)}).in_contact(law, ("x", "y"), "z", pushed=("top",))
-    assert problem.contacts == 121 and problem.areas.sum() == pytest.approx(1e-4)
+    assert problem.contacts == 121 and problem.contact_areas.sum() == pytest.approx(1e-4)
     plate = {"top": -10.0, "surface.x": ramp(0.0, 0.1, 0.0, 40.0)}
     equal(run, step_contacts(problem, 0.24, step=2e-3, inputs=plate, start=press_contacts(problem, {"top": -10.0})))
     found = study.measures(run)
@@ -222,7 +222,7 @@ def test_what_is_wrong_with_a_law_or_its_body_is_said_before_anything_runs(root,
 @pytest.mark.slow
 def test_the_file_of_the_published_cube_is_the_body_of_the_study(root):
     made, kept = study.face_body(), ReducedBody.load(root / "studies" / "scenes" / "elastic_face.npz")
-    assert made.ports == kept.ports and np.array_equal(made.places, kept.places)
+    assert made.ports == kept.ports and np.array_equal(made.contact_positions, kept.contact_positions)
     for word in ("mass", "stiffness", "areas"):
         assert getattr(made, word) == pytest.approx(getattr(kept, word), rel=1e-6, abs=1e-9 * np.abs(getattr(kept, word)).max()), word
 
@@ -250,7 +250,7 @@ def test_the_command_writes_report_figure_and_data_that_agree_with_the_run(writt
     with (out / "02_heavy.csv").open(newline="") as file:
         headings, *rows = csv.reader(file)
     table = dict(zip(headings, np.array(rows, float).T, strict=True))
-    assert np.array_equal(table["stick"], run.share()) and np.array_equal(table["taken by friction [J]"], run.rubbed.sum(axis=1))
+    assert np.array_equal(table["stick"], run.share()) and np.array_equal(table["taken by friction [J]"], run.friction_work.sum(axis=1))
     assert np.array_equal(table["top [N]"], run.inputs["top"]) and np.array_equal(table["top [m]"], run["top"])
     assert np.array_equal(table["back.speed [m/s]"], run["back.speed"]) and np.array_equal(table["x.0 [m]"], run["x.0"])
     assert main(["simulate", str(path), "--controller", "light", "--duration", "0.5 s", "--format", "svg", "--out", str(out)]) == 0

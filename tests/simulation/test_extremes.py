@@ -338,14 +338,14 @@ def test_a_number_of_an_observer_that_is_none_is_refused_by_its_name(observer):
 @pytest.mark.parametrize(
     ("law", "words"),
     [
-        (LQR(top_size=1e-300), "LQR cannot be designed"),
+        (LQR(top_speed_scale=1e-300), "LQR cannot be designed"),
         (HInfinity(speed_noise=1e-300), "HInfinity"),
-        (HInfinity(margin=1.0), "`margin` of HInfinity must be > 1"),
+        (HInfinity(norm_factor=1.0), "`margin` of HInfinity must be > 1"),
         (LinearMPC(delay=1e9), "`delay` must be at most 1000 periods"),
         (NonlinearMPC(delay=1e9), "`delay` must be at most 1000 periods"),
         (LinearMPC(sensors=3), "`sensors` of LinearMPC must be a row of strings"),  # type: ignore[arg-type]
         (LinearMPC(horizon=2.5), "`horizon` of LinearMPC must be an integer"),  # type: ignore[arg-type]
-        (LinearMPC(noise=(1e-300,)), "squares"),
+        (LinearMPC(sensor_noise=(1e-300,)), "squares"),
         (LQG(delay_samples=-1), "`delay_samples` must be an integer >= 0 and <= 1000"),
         (LQG(delay_samples=10**9), "`delay_samples` must be an integer >= 0 and <= 1000"),
         (Observed(StiffPI(), observers.Kalman(speed_noise=1e-300)), "Kalman cannot be designed"),
@@ -411,7 +411,7 @@ VERBS = {
     "limit_cycle accuracy": (lambda bad: toolbox.limit_cycle(RUN, accuracy=bad), "accuracy", NO_NUMBERS),
     "follow bounds": (lambda bad: toolbox.follow(CYCLE, "block.belt_speed", bad), "bounds", (*NO_NUMBERS, (1.0, 0.0))),
     "follow points": (lambda bad: toolbox.follow(CYCLE, "block.belt_speed", (0.1, 0.3), points=bad), "points", (*NO_NUMBERS, 0)),
-    "follow towards": (lambda bad: toolbox.follow(CYCLE, "block.belt_speed", (0.1, 0.3), towards=bad), "towards", (math.nan, "strong", (1.0,), 1j)),
+    "follow towards": (lambda bad: toolbox.follow(CYCLE, "block.belt_speed", (0.1, 0.3), start_towards=bad), "towards", (math.nan, "strong", (1.0,), 1j)),
     "onset perturbation": (
         lambda bad: toolbox.onset(closed_loop(RIG, StiffPI()), "top.reference", (4.0, 9.0), perturbation=bad), "perturbation", NO_NUMBERS
     ),

@@ -23,7 +23,7 @@ RUNS = {
     "no contact": (compose(wells.JANSEN_2), 5.0, {"inputs": {"top.torque": 1e4}}),
     "no switch": (compose(BlockOnBelt(belt_speed=0.0)), 3.0, {"output_times": [0.0, 1.0, 2.0]}),
     "a break of the law": (
-        compose(BlockOnBelt(friction=Drop(static=1.0, kinetic=0.5, speed=0.3))),
+        compose(BlockOnBelt(friction=Drop(static=1.0, kinetic=0.5, drop_speed=0.3))),
         20.0,
         {"start": {"block.position": 1.0}},
     ),

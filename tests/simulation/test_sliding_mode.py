@@ -174,7 +174,7 @@ REFERENCE = 8.0
 
 def test_the_surface_of_the_drive_is_reached_after_its_distance_over_the_reaching_rate():
     # s' = -eta sgn s whatever the rock does; from rest s = -Om
-    run = simulate(RIG, 20.0, controller=IdealSlidingMode(reference=REFERENCE, reaching=2.0), accuracy=1e-10)
+    run = simulate(RIG, 20.0, controller=IdealSlidingMode(reference=REFERENCE, reaching_rate=2.0), accuracy=1e-10)
     first = next(event for event in run.events if event.element == "slidingmode")
     assert (first.before, first.after) == ("slip-", "stick")
     assert first.time == pytest.approx(REFERENCE / 2.0, rel=1e-9)
@@ -208,7 +208,9 @@ def test_a_boundary_layer_tends_to_the_ideal_form_with_its_width():
     times = np.linspace(5, 12, 100)
     distances = []
     for width in (0.2, 0.05, 0.0125):
-        run = simulate(RIG, 12.0, controller=SlidingMode(reference=REFERENCE, width=width, drag=300.0, inertia=2122.0), accuracy=1e-9)
+        run = simulate(
+            RIG, 12.0, controller=SlidingMode(reference=REFERENCE, boundary_layer=width, drag=300.0, inertia=2122.0), accuracy=1e-9
+        )
         distances.append(np.abs(run.at(times)["top.speed"] - ideal.at(times)["top.speed"]).max())
     ratios = np.array(distances[:-1]) / distances[1:]
     np.testing.assert_allclose(ratios, 4.0, rtol=0.15)
@@ -223,10 +225,10 @@ def test_inside_the_boundary_layer_s_settles_where_the_missing_torque_is_balance
 
 def test_a_sampled_switch_chatters_with_its_period_where_the_ideal_one_rests():
     # every sample switches the drive by the full bound, so between two samples its speed changes by eta period
-    ideal = simulate(RIG, 60.0, controller=IdealSlidingMode(reference=REFERENCE, reaching=2.0))
+    ideal = simulate(RIG, 60.0, controller=IdealSlidingMode(reference=REFERENCE, reaching_rate=2.0))
     for period in (0.04, 0.01):
         samples = np.arange(55.0, 60.0, period)
-        run = simulate(RIG, 60.0, controller=SlidingMode(reference=REFERENCE, reaching=2.0, width=1e-4), sample_time=period)
+        run = simulate(RIG, 60.0, controller=SlidingMode(reference=REFERENCE, reaching_rate=2.0, boundary_layer=1e-4), sample_time=period)
         assert np.abs(np.diff(run.at(samples)["top.speed"])).max() == pytest.approx(2.0 * period, rel=0.2)
         assert np.abs(np.diff(ideal.at(samples)["top.speed"])).max() < 0.2 * 2.0 * period
 

@@ -64,7 +64,7 @@ def test_a_fixed_end_and_a_free_end_send_everything_back():
         (lambda: impedance(PI(), frequency=[0.0]), "frequency"),
         (lambda: impedance(PI(), frequency=[1.0], inertia=-1.0), "inertia"),
         (lambda: impedance(lambda t, y: 0.0, frequency=[1.0]), "parts"),
-        (lambda: impedance(TopDrive(), frequency=[1.0], effort="top.load"), r"top\.load"),
+        (lambda: impedance(TopDrive(), frequency=[1.0], torque_signal="top.load"), r"top\.load"),
         (lambda: impedance(SlidingMode(), frequency=[1.0], plant=compose(CHAIN, BitRock())), r"bit\.speed"),
         (lambda: reflection(np.ones(1), 0.0), "characteristic"),
     ],

@@ -270,15 +270,15 @@ def test_on_the_brake_a_phased_load_and_a_small_absorber_end_the_groan():
         BRAKE, "phased", law=PhasedDither(load=BRAKE.load, over=BRAKE.over, depth=0.5, speed=BRAKE.speed, unit="m/s", size=-BRAKE.slip)
     )
     assert found.stuck == 0.0 and found.swing < 1e-3 and found.load < 1e-3
-    absorber = dataclasses.replace(Absorber.tuned(Block(mass=10.0, stiffness=1e6), 0.02), on="pad")
+    absorber = dataclasses.replace(Absorber.tuned(Block(mass=10.0, stiffness=1e6), 0.02), attached_to="pad")
     assert falling(BRAKE) - 200.0 < 2 * math.sqrt(1e7) * Absorber.max_negative_damping(0.02)  # it bears what the caliper does not
     assert row(BRAKE, "absorber", parts=(BRAKE.parts[0], absorber)).stuck == 0.0
-    with_less = dataclasses.replace(Absorber.tuned(Block(mass=10.0, stiffness=1e6), 0.002), on="pad")
+    with_less = dataclasses.replace(Absorber.tuned(Block(mass=10.0, stiffness=1e6), 0.002), attached_to="pad")
     assert row(BRAKE, "absorber", parts=(BRAKE.parts[0], with_less)).stuck > 0.05
 
 
 def test_an_absorber_on_the_pad_keeps_the_energy_audit():
-    brake = compose(DiscBrake(), dataclasses.replace(Absorber.tuned(Block(mass=10.0, stiffness=1e6), 0.02), on="pad"))
+    brake = compose(DiscBrake(), dataclasses.replace(Absorber.tuned(Block(mass=10.0, stiffness=1e6), 0.02), attached_to="pad"))
     audit = energy_audit(simulate(brake, 1.0, start={"disc.speed": 2.0}, accuracy=1e-9))
     assert audit.relative < 1e-8
 

@@ -21,7 +21,7 @@ from toolbox.drilling.set_points import Outcome, Trial, set_point, verdict
 from toolbox.modelling.laws import designed
 
 EVERY = laws()
-BRIEF = {name: replace(group, phases=(0.0, 0.5), seeds=group.seeds[:1]) for name, group in GROUPS.items()}
+BRIEF = {name: replace(group, takeover_phases=(0.0, 0.5), seeds=group.seeds[:1]) for name, group in GROUPS.items()}
 
 
 @pytest.mark.slow
@@ -51,7 +51,7 @@ def test_a_tuned_law_that_lifts_ends_stick_slip_on_every_rig_and_keeps_a_margin(
 
 
 def test_the_filter_of_the_delivered_lqg_trusts_its_drive_and_leaves_a_light_one_off_its_set_point():
-    light = Group("light", (Machine("drive -20 %", (("chain.inertia.0", 0.8),)),), (101,), phases=(0.0,))
+    light = Group("light", (Machine("drive -20 %", (("chain.inertia.0", 0.8),)),), (101,), takeover_phases=(0.0,))
     assert not EVERY["LQG"].outcome(light, 8.0).passed
     assert EVERY["LQG, tuned"].outcome(light, 8.0).passed
 
@@ -67,7 +67,7 @@ def test_the_filter_of_the_delivered_lqg_trusts_its_drive_and_leaves_a_light_one
     ],
 )
 def test_predictive_laws_end_stick_slip_on_every_rig(label, group, speed):
-    found = EVERY[label].outcome(replace(GROUPS[group], phases=(0.0, 0.5), seeds=(101,)), speed)
+    found = EVERY[label].outcome(replace(GROUPS[group], takeover_phases=(0.0, 0.5), seeds=(101,)), speed)
     assert found.passed, found.why
 
 
@@ -85,12 +85,16 @@ def test_a_run_that_sticks_is_off_swings_or_is_at_its_limits_is_no_success():
 def test_the_groups_are_those_of_the_protocol():
     runs = {name: group.runs for name, group in GROUPS.items()}
     assert runs == {"nominal": 8, "noisy": 160, "one_at_a_time": 264, "combined": 72, "other_rocks": 48, "varying_weight": 80}
-    assert all(len(each.factors) + (each.delay > 0.0) == 1 for each in SINGLES)
-    assert {tuple(factor for _, factor in each.factors) for each in CORNERS} == {(0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8)}
+    assert all(len(each.parameter_factors) + (each.delay > 0.0) == 1 for each in SINGLES)
+    assert {tuple(factor for _, factor in each.parameter_factors) for each in CORNERS} == {
+        (0.8, 1.2, 0.8),
+        (1.2, 0.8, 1.2),
+        (0.8, 0.8, 0.8),
+    }
     # what laws are tuned on is not what they are judged on
     judged = {seed for group in GROUPS.values() for seed in group.seeds if group.noise}
     for group in (gains.TUNING, gains.NEARLY, gains.WEIGHTS, gains.BRIEF, gains.BRIEF_WEIGHTS):
-        assert not set(group.seeds) & judged and not set(group.phases) & set(GROUPS["one_at_a_time"].phases)
+        assert not set(group.seeds) & judged and not set(group.takeover_phases) & set(GROUPS["one_at_a_time"].takeover_phases)
 
 
 def test_rocks_agree_at_rest_and_differ_at_the_set_point():
@@ -132,10 +136,10 @@ def test_the_search_bisects_confirms_three_set_points_above_and_goes_on_above_a_
     law, group = EVERY["LQG"], GROUPS["nominal"]
     cells = Known(5.3)
     found = lowest(law, group, "takeover", cells)
-    assert found.speed == 5.3 and found.why == "made to fail"
+    assert found.lowest_set_point == 5.3 and found.why == "made to fail"
     assert len(cells.display_units) < 16 and {5.6, 6.1, 7.3} <= set(cells.display_units)
-    assert lowest(law, group, "takeover", Known(5.3, holes=(6.1,))).speed == 6.2
-    assert np.isnan(lowest(law, group, "takeover", Known(15.0)).speed)
+    assert lowest(law, group, "takeover", Known(5.3, holes=(6.1,))).lowest_set_point == 6.2
+    assert np.isnan(lowest(law, group, "takeover", Known(15.0)).lowest_set_point)
 
 
 def test_what_is_known_of_a_law_is_kept_in_a_file_and_a_law_with_other_numbers_is_judged_anew(tmp_path, monkeypatch):
@@ -225,19 +229,19 @@ def test_gains_are_stored_with_the_command_that_found_them_and_their_front(tmp_p
     assert all(set(each["numbers"]) == set(gains.FAMILIES[label].bounds) for label, each in rows.items())
     path = tmp_path / "gains.json"
     points = [
-        ({"top_size": 2.0}, gains.Score(1, 2, 0.3)),
-        ({"top_size": 3.0}, gains.Score(0, 3, 0.3)),
-        ({"top_size": 4.0}, gains.Score(1, 3, 0.2)),
+        ({"top_speed_scale": 2.0}, gains.Score(1, 2, 0.3)),
+        ({"top_speed_scale": 3.0}, gains.Score(0, 3, 0.3)),
+        ({"top_speed_scale": 4.0}, gains.Score(1, 3, 0.2)),
     ]
-    gains.store("LQG", gains.Found(*points[0], points, {"top_size": 5.0}, 1, 3.0), path)
-    assert gains.stored("LQG", path) == {"top_size": 2.0}
-    stored = gains.Found(*points[0], points, {"top_size": 5.0}, 1, 3.0)
+    gains.store("LQG", gains.Found(*points[0], points, {"top_speed_scale": 5.0}, 1, 3.0), path)
+    assert gains.stored("LQG", path) == {"top_speed_scale": 2.0}
+    stored = gains.Found(*points[0], points, {"top_speed_scale": 5.0}, 1, 3.0)
     with concurrent.futures.ThreadPoolExecutor(1) as other:  # searches of other families read it at any instant
         writing = other.submit(lambda: [gains.store("LQG", stored, path) for _ in range(200)])
         while not writing.done():
-            assert gains.begun("LQG", path) == {"top_size": 2.0}
+            assert gains.begun("LQG", path) == {"top_speed_scale": 2.0}
         writing.result()
-    assert [each["top_size"] for each in json.loads(path.read_text())["LQG"]["front"]] == [2.0, 3.0]
+    assert [each["top_speed_scale"] for each in json.loads(path.read_text())["LQG"]["front"]] == [2.0, 3.0]
     impedance = gains.FAMILIES["impedance"]
     stiff = {"proportional": 4000.0, "integral": 300.0}
     good, bad = (gains.failures(impedance, numbers, (6.5,)) for numbers in (gains.stored("impedance"), stiff))

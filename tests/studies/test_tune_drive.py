@@ -58,7 +58,7 @@ def test_a_law_that_takes_over_inside_stick_slip_at_a_constant_set_point_keeps_w
 
 def test_the_tuned_lqg_is_better_than_the_one_as_given_in_both_on_every_weight():
     given = LQG(reference=SET_POINT, delay_samples=round(DELAY / 0.01), speed_noise=NOISE, **LIMITS)
-    tuned = dataclasses.replace(given, top_size=0.48625, bit_size=0.499034, angle_size=3.41606)
+    tuned = dataclasses.replace(given, top_speed_scale=0.48625, bit_speed_scale=0.499034, angle_scale=3.41606)
     before, after = (
         [[of(run_of(scene, measured(law))) for of in OBJECTIVES.values()] for scene in drill_strings().values()] for law in (given, tuned)
     )
@@ -67,7 +67,7 @@ def test_the_tuned_lqg_is_better_than_the_one_as_given_in_both_on_every_weight()
 
 
 def test_the_tuned_sliding_mode_spares_the_collar_that_the_given_one_drives_against_the_wall():
-    given, tuned = (SlidingMode(reference=whirl.REFERENCE, surface=s, reaching=r) for s, r in ((0.6, 1.0), (0.258658, 0.333763)))
+    given, tuned = (SlidingMode(reference=whirl.REFERENCE, surface_gain=s, reaching_rate=r) for s, r in ((0.6, 1.0), (0.258658, 0.333763)))
     before, after = (run_of(collar(), law) for law in (given, tuned))
     assert impacts(before) > 50 and impacts(after) == 0
     assert lowest_set_point(after) <= lowest_set_point(before) - 1.0

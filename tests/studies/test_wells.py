@@ -26,7 +26,7 @@ def test_gains_are_the_same_parts_of_any_string():
     kept = study.numbers()["LQG, between, lifting"] | study.numbers()["impedance, tuned, lifting"]
     assert study.scaled(kept, JANSEN_2) == kept
     stiffer = replace(JANSEN_2, stiffness=(4.0 * JANSEN_2.stiffness[0],))  # twice the impedance, twice the frequency
-    factors = {"proportional": 2.0, "integral": 4.0, "torque_size": 2.0, "angle_size": 0.5, "torque_process_noise": 2.0 * math.sqrt(2.0)}
+    factors = {"proportional": 2.0, "integral": 4.0, "torque_scale": 2.0, "angle_scale": 0.5, "torque_process_noise": 2.0 * math.sqrt(2.0)}
     for name, value in study.scaled(kept, stiffer).items():
         assert value == pytest.approx(kept[name] * factors.get(name, 1.0), rel=1e-3), name
     light = study.scaled(kept, NAVARRO_LOPEZ_4)["drive_process_noise"] / kept["drive_process_noise"]

@@ -89,7 +89,7 @@ def test_measures_of_a_harmonic_motion_are_those_on_paper():
 
 
 def rubbing():
-    flywheel = TorsionalChain(inertia=(1e9, 1e9), stiffness=(0.0,), damping=(0.0,), collar=-1)
+    flywheel = TorsionalChain(inertia=(1e9, 1e9), stiffness=(0.0,), damping=(0.0,), collar_index=-1)
     return compose(flywheel, WhirlingCollar(weight=1e5, wall_stiffness=1e7))
 
 

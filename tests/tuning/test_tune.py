@@ -84,7 +84,7 @@ def test_the_worst_case_of_distances_is_smallest_in_the_middle_and_the_mean_of_s
     assert worst.law.torque == pytest.approx((min(LOADS) + max(LOADS)) / 2, rel=1e-3)
     assert worst.counted(worst.best)[0] == pytest.approx((max(LOADS) - min(LOADS)) / 2, rel=1e-3)
     assert worst.counted(worst.before)[0] == pytest.approx(max(LOADS) - 1000.0)  # the law as given, on the farthest load
-    mean = tune(loads(), Dials(), squared, box, over=statistics.fmean, runs=120)
+    mean = tune(loads(), Dials(), squared, box, aggregate=statistics.fmean, runs=120)
     assert mean.law.torque == pytest.approx(statistics.fmean(LOADS), rel=1e-3)
 
 
@@ -222,7 +222,7 @@ def test_measures_of_the_verdict_are_those_of_the_study_and_may_be_given_as_func
 
 
 def test_numbers_of_nested_laws_and_of_those_that_design_fills_in_can_be_free():
-    found = tune(rig(), Sampled(LQG(reference=9.9), 0.01), "stuck", {"lqg.bit_size": (0.5, 5.0)}, runs=10)
+    found = tune(rig(), Sampled(LQG(reference=9.9), 0.01), "stuck", {"lqg.bit_speed_scale": (0.5, 5.0)}, runs=10)
     assert isinstance(found.law, Sampled) and isinstance(found.law.law, LQG)
     drive = ZTorque(reference=9.9)  # whose impedance is read from the chain
     loop = closed_loop(rig()["stiff"], drive)
@@ -356,11 +356,11 @@ def test_a_killed_tuning_goes_on_from_its_journal_to_the_result_it_would_have_ha
         file.write('{"numbers": [12')  # as if killed while writing
     resumed = tune(*arguments, runs=60, checkpoint=path)
     assert resumed.trials == whole.trials and resumed.law == whole.law and str(resumed) == str(whole)
-    assert resumed.simulated == whole.simulated - 3 * (76 // 3)
+    assert resumed.simulated_runs == whole.simulated_runs - 3 * (76 // 3)
     again = tune(*arguments, runs=60, checkpoint=path)
-    assert again.trials == whole.trials and again.simulated == 0
+    assert again.trials == whole.trials and again.simulated_runs == 0
     longer = tune(*arguments, runs=80, checkpoint=path)
-    assert longer.simulated < 3 * len(longer.trials)
+    assert longer.simulated_runs < 3 * len(longer.trials)
 
 
 def torque_of(run):
@@ -373,7 +373,7 @@ def test_a_journal_keeps_failures_and_values_to_the_last_bit(tmp_path):
     first = tune(*arguments, runs=20, checkpoint=tmp_path / "j")
     assert any(trial.failed for trial in first.trials)
     second = tune(*arguments, runs=20, checkpoint=tmp_path / "j")
-    assert second.trials == first.trials and second.simulated == 0
+    assert second.trials == first.trials and second.simulated_runs == 0
 
 
 def test_a_journal_of_other_arguments_is_refused_by_the_name_of_what_differs(tmp_path):
@@ -528,7 +528,7 @@ def test_processes_find_the_same_and_write_the_same_journal(tmp_path, objectives
     lines = (tmp_path / "there").read_bytes().splitlines(keepends=True)
     (tmp_path / "cut").write_bytes(b"".join(lines[:30]) + lines[30][:9])  # as a kill leaves it
     went_on = tune(loads(), Dials(), objectives, box, runs=60, checkpoint=tmp_path / "cut", executor=pool)
-    assert went_on.trials == here.trials and went_on.simulated == 3 * (len(here.trials) - 29)
+    assert went_on.trials == here.trials and went_on.simulated_runs == 3 * (len(here.trials) - 29)
 
 
 def test_what_cannot_travel_to_a_process_and_what_is_wrong_there_is_said_here(pool):

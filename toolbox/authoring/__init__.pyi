@@ -1,4 +1,5 @@
 from .checks import NumberOrText as NumberOrText
+from .checks import Renamed as Renamed
 from .checks import State as State
 from .checks import array as array
 from .checks import check_fields as check_fields
@@ -6,6 +7,8 @@ from .checks import entries as entries
 from .checks import finite_array as finite_array
 from .checks import in_si as in_si
 from .checks import is_finite_number as is_finite_number
+from .checks import new_field as new_field
+from .checks import new_names_only as new_names_only
 from .checks import number as number
 from .checks import numbers as numbers
 from .checks import suggest as suggest

@@ -13,3 +13,6 @@ from toolbox.files.units import NumberOrText as NumberOrText
 from toolbox.files.units import in_si as in_si
 from toolbox.modelling.components import check_fields as check_fields
 from toolbox.modelling.elements import State as State
+from toolbox.vocabulary import Renamed as Renamed
+from toolbox.vocabulary import new_field as new_field
+from toolbox.vocabulary import new_names_only as new_names_only

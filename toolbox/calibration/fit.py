@@ -180,7 +180,7 @@ def fit(
         if (gain := fitted_evidence(found, tied)) > EVIDENCE:
             again, best, chosen = tied, gain, tuple(undecided)
     if again is not None:
-        found = dataclasses.replace(again, agreeing=found.agreeing, starts=found.starts, held=dict.fromkeys(chosen, best))
+        found = dataclasses.replace(again, agreeing_starts=found.agreeing_starts, starts=found.starts, held=dict.fromkeys(chosen, best))
     elif on is None:
         found = dataclasses.replace(found, held=dict.fromkeys(recording.held or (), math.inf))
     typed = [in_si(ranges[name], unit, name) for name, unit in zip(found.names, found.units, strict=True) if name in ranges]
@@ -264,7 +264,7 @@ class _AlongLoop:
         if self.remembers:
             first = np.clip([number.value for number in numbers], low, high)
             return MemoryLoop(self.loop, recording, numbers, self.on.name, shifts).resolved(first)
-        made = MeasuredLoop(self.loop, recording, numbers, self.on.name, self.on.still, shifts)
+        made = MeasuredLoop(self.loop, recording, numbers, self.on.name, self.on.standstill_speed, shifts)
         return located(made, low, high) if shifts else made
 
 

@@ -278,7 +278,7 @@ class _Work:
                 name in found.parameters
                 and word not in ("offset", "load_share")
                 and np.isfinite(error)
-                and found.factor * error > abs(value)
+                and found.interval_factor * error > abs(value)
             ):
                 untold.setdefault(name, f"its interval holds 0. To tell it, {EXPERIMENTS[word]}.")
         for name in found.parameters:
@@ -286,8 +286,10 @@ class _Work:
                 untold[name] = (
                     f"it stands for static and kinetic friction, which the data do not tell apart. To tell them, {EXPERIMENTS['static']}."
                 )
-        if found.equal:
-            untold[f"{found.equal}static"] = f"it is not told from the kinetic friction. To tell it, {EXPERIMENTS['static']}."
+        if found.indistinguishable_friction:
+            untold[f"{found.indistinguishable_friction}static"] = (
+                f"it is not told from the kinetic friction. To tell it, {EXPERIMENTS['static']}."
+            )
         own = {each.name: getattr(found, each.name) for each in dataclasses.fields(Fit)}
         points = self.points(found)
         return Identification(**own, untold=untold, points=points, curve=_curve(found, points), curve_units=self.part.units)
@@ -323,7 +325,7 @@ def _curve(found: Fit, points: np.ndarray) -> np.ndarray:
         slopes.append((friction(found.values + sign * step) - middle) / (sign * step[i]))
     places = [i for i, _ in numbers]
     covariance = np.where(np.isfinite(found.covariance), found.covariance, 0.0)[np.ix_(places, places)]
-    wide = found.factor * np.sqrt(np.maximum(np.einsum("in,ij,jn->n", np.array(slopes), covariance, np.array(slopes)), 0.0))
+    wide = found.interval_factor * np.sqrt(np.maximum(np.einsum("in,ij,jn->n", np.array(slopes), covariance, np.array(slopes)), 0.0))
     return np.stack([speeds, middle, middle - wide, middle + wide])
 
 
@@ -365,7 +367,13 @@ class _Steady(_Work):
         recording = Recording.of(data, compose(part), keep=EVERY_KIND)
         still = 0.5 * float(np.abs(self.speed[self.speed != 0.0]).min())
         return _told(
-            part, recording, free, self.untold, contact=MeasuredContact(part.contact, still=still), starts=Search(8), confidence=confidence
+            part,
+            recording,
+            free,
+            self.untold,
+            contact=MeasuredContact(part.contact, standstill_speed=still),
+            starts=Search(8),
+            confidence=confidence,
         )
 
     def points(self, found: Fit) -> np.ndarray:

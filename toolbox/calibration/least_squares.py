@@ -149,7 +149,7 @@ class LeastSquares:
             misfit.exact, misfit.panels(left, values), misfit,
             {self.names[i]: words for i, words in rest.why.items()}, tuple(name for name, silent in zip(self.names, mute.tolist(), strict=True) if silent),
             ways @ sampling_error(misfit, values, jacobian, scales),
-            outliers={name: own == 0.0 for name, own in self.weights.items() if not own.all()}, equal=equal,
+            outliers={name: own == 0.0 for name, own in self.weights.items() if not own.all()}, indistinguishable_friction=equal,
             initial_mismatch=misfit.apart(values),
         )  # fmt: skip
 

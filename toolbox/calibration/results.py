@@ -30,19 +30,19 @@ class Fit(Told, Result):
         The estimates and their standard deviations, shapes (k,).
     covariance
         Covariance of the estimates, shape (k, k).
-    confidence, factor
+    confidence, interval_factor
         Confidence level, and the factor of the intervals: estimate +- factor * error.
     residuals
         One entry per measured output.
-    condition
+    condition_number
         Condition number of the scaled Jacobian.
     at_bounds
         Names that ended at a bound, or at another number.
-    agreeing, starts
+    agreeing_starts, starts
         How many of the searches ended at this optimum, and how many there were.
-    measured
+    data_description
         What was fitted, in words.
-    exact
+    exact_derivatives
         Whether slopes of the model are exact.
     panels
         What was measured beside the fitted model, a `Panel` for each signal.
@@ -52,7 +52,7 @@ class Fit(Told, Result):
         Why a name cannot go on to its optimum, {name: reason}, for those that rest on another number.
     unidentifiable
         Names without influence where others rest, which therefore have no estimate.
-    sampling
+    sampling_errors
         Estimated error of each number because measured inputs are known at their samples only, shape (k,).
     display_units
         {unit: unit that was typed}: the units in which report and figure answer.
@@ -62,7 +62,7 @@ class Fit(Told, Result):
         {signal: how far from the model its first samples are}, where the simulation begins elsewhere than the machine did.
     held
         {measured input that is held between its samples: by how much the log-likelihood is greater than with straight lines}; infinite if it was declared.
-    equal
+    indistinguishable_friction
         The law whose static friction the data cannot tell from the kinetic one, such as "bit.friction."; empty where they can.
     """
 
@@ -72,22 +72,22 @@ class Fit(Told, Result):
     standard_errors: FloatArray
     covariance: FloatArray
     confidence: float
-    factor: float
+    interval_factor: float
     residuals: tuple[Residual, ...]
-    condition: float
+    condition_number: float
     at_bounds: tuple[str, ...]
-    agreeing: int
+    agreeing_starts: int
     starts: int
-    measured: str
-    exact: bool
+    data_description: str
+    exact_derivatives: bool
     panels: tuple[Panel, ...] = field(repr=False)
     misfit: Any = field(repr=False, metadata=LEFT_OUT)
     fixed_by: Mapping[str, str] = field(default_factory=dict)
     unidentifiable: tuple[str, ...] = ()
-    sampling: FloatArray = field(default_factory=lambda: np.zeros(0))
+    sampling_errors: FloatArray = field(default_factory=lambda: np.zeros(0))
     display_units: Mapping[str, str] = field(default_factory=dict)
     outliers: Mapping[str, BoolArray] = field(default_factory=dict)
-    equal: str = ""
+    indistinguishable_friction: str = ""
     initial_mismatch: Mapping[str, float] = field(default_factory=dict)
     held: Mapping[str, float] = field(default_factory=dict)
 
@@ -103,7 +103,8 @@ class Fit(Told, Result):
     def interval(self, name: str) -> tuple[float, float]:
         """(low, high) of the confidence interval of an estimate."""
         i = self._place(name)
-        return float(self.values[i] - self.factor * self.standard_errors[i]), float(self.values[i] + self.factor * self.standard_errors[i])
+        half = self.interval_factor * self.standard_errors[i]
+        return float(self.values[i] - half), float(self.values[i] + half)
 
     @property
     def correlation(self) -> FloatArray:
@@ -147,8 +148,8 @@ class Fit(Told, Result):
     def _told(self) -> list[str | Rows]:
         interval = f"{100 * self.confidence:g} %"
         return [
-            f"Fit of {len(self.names)} number(s) to {self.measured}",
-            f"{self.agreeing} of {self.starts} start(s) end here; intervals of {interval}",
+            f"Fit of {len(self.names)} number(s) to {self.data_description}",
+            f"{self.agreeing_starts} of {self.starts} start(s) end here; intervals of {interval}",
             "",
             Rows(self._rows(), range(5), headings=("name", "estimate", f"interval of {interval}", "unit", "")),
             "",
@@ -189,27 +190,28 @@ class Fit(Told, Result):
         if len(self.names) > 1:
             i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))
             lines.append(
-                f"  condition {self.condition:.3g}; strongest correlation {self.correlation[i, k]:+.3f}, of {self.names[i]} and {self.names[k]}"
+                f"  condition {self.condition_number:.3g}; strongest correlation {self.correlation[i, k]:+.3f}, of {self.names[i]} and {self.names[k]}"
             )
         for name in self.at_bounds:
             where = f"rests on another number, because {self.fixed_by[name]}" if name in self.fixed_by else "ended at its bound:"
             lines.append(f"  `{name}` {where} Its interval means nothing, and the optimum lies outside.".replace(": Its", ": its"))
-        if self.equal:
+        if self.indistinguishable_friction:
             lines.append(
-                f"  `{self.equal}static` and `{self.equal}kinetic` are one number: the data do not tell them apart (F-test, 5 %), so friction has no decay."
+                f"  `{self.indistinguishable_friction}static` and `{self.indistinguishable_friction}kinetic` are one number: "
+                "the data do not tell them apart (F-test, 5 %), so friction has no decay."
             )
         lines += [f"  `{name}` has no influence there, and so no estimate." for name in self.unidentifiable]
         lines += [
             f"  {np.sum(left_out)} sample(s) of {name} break the law and were left out (`robust`)"
             for name, left_out in self.outliers.items()
         ]
-        for name, shift, error in zip(self.names, self.sampling, self.standard_errors, strict=True):
-            if abs(shift) > self.factor * error:
+        for name, shift, error in zip(self.names, self.sampling_errors, self.standard_errors, strict=True):
+            if abs(shift) > self.interval_factor * error:
                 lines.append(
                     f"  `{name}` is less sure than its interval says: what the measured inputs do between their samples may move it by {abs(shift):.2g}, "
-                    f"{abs(shift) / (self.factor * error):.1f} half-widths. Record them faster, or fit the law alone to its loop (`contact=`)."
+                    f"{abs(shift) / (self.interval_factor * error):.1f} half-widths. Record them faster, or fit the law alone to its loop (`contact=`)."
                 )
-        if not self.exact:
+        if not self.exact_derivatives:
             lines.append("  slopes by differences, because a law in Python or an encoder has no exact ones")
         return lines
 

@@ -29,7 +29,7 @@ class Validation(Result):
         Deviation of each signal, simulated less measured, one after another.
     panels
         What was measured beside what is simulated, a `Panel` for each signal and window.
-    compared
+    data_description
         What was compared, in words.
     display_units
         {unit: unit that was typed}: the units in which report and figure answer.
@@ -39,7 +39,7 @@ class Validation(Result):
 
     residuals: tuple[Residual, ...]
     panels: tuple[Panel, ...] = field(repr=False)
-    compared: str
+    data_description: str
     display_units: Mapping[str, str] = field(default_factory=dict)
     initial_mismatch: Mapping[str, float] = field(default_factory=dict)
 
@@ -47,7 +47,7 @@ class Validation(Result):
         lines = [line for each in self.residuals for line in each.deviation(self.display_units)]
         return "\n".join(
             [
-                self.compared,
+                self.data_description,
                 *lines,
                 *begins_apart(self.residuals, self.initial_mismatch, self.display_units, "give the loop the `start` that it had"),
             ]

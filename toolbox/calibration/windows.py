@@ -16,6 +16,7 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import names
 from toolbox.modelling.numbers import Number
+from toolbox.vocabulary import Renamed
 
 
 @dataclass(frozen=True)
@@ -88,14 +89,14 @@ class Search:
 
 
 @dataclass(frozen=True)
-class MeasuredContact:
+class MeasuredContact(Renamed):
     """A contact whose law is fitted to its measured loop, without simulation.
 
     Attributes
     ----------
     name
         The contact.
-    still
+    standstill_speed
         Slip speeds up to this count as stick; by default a hundredth of the largest.
 
     Examples
@@ -106,11 +107,11 @@ class MeasuredContact:
     """
 
     name: str
-    still: float | None = None
+    standstill_speed: float | None = None
 
     def __post_init__(self) -> None:
-        if self.still is not None:
-            number("still", self.still, above=0)
+        if self.standstill_speed is not None:
+            number("standstill_speed", self.standstill_speed, above=0)
 
 
 def windows_of(given: Any) -> list[Window]:

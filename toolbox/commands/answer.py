@@ -84,9 +84,9 @@ def run(given: argparse.Namespace) -> int:
         folder_of(given.out)
 
     def tell(found: Answers) -> None:
-        if not given.quiet and found.entries:
-            label = list(found.entries)[-1]
-            print(f"{label}: {len(found.entries)} of {len(labels)} controllers answered", file=sys.stderr)
+        if not given.quiet and found.results:
+            label = list(found.results)[-1]
+            print(f"{label}: {len(found.results)} of {len(labels)} controllers answered", file=sys.stderr)
 
     found = answers(
         {label: scene[label] for label in labels},

@@ -85,7 +85,7 @@ def run(given: argparse.Namespace) -> int:
     ):
         found = tune(
             list(scenes.values()), given.controller, list(given.objective), bounds,
-            over=statistics.fmean if given.aggregate == "mean" else max, runs=given.runs, seed=given.seed, checkpoint=given.checkpoint,
+            aggregate=statistics.fmean if given.aggregate == "mean" else max, runs=given.runs, seed=given.seed, checkpoint=given.checkpoint,
             executor=executor,
         )  # fmt: skip
         given.found = found

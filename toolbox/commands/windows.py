@@ -48,6 +48,6 @@ def run(given: argparse.Namespace) -> int:
     along = None if given.along is None else [plain(value) for value in given.along]
     if given.out:
         folder_of(given.out)
-    found = windows(well, given.depths, law, over, along=along, shape=shape, checkpoint=given.out)
+    found = windows(well, given.depths, law, over, second_values=along, shape=shape, checkpoint=given.out)
     told = "Report, table, data, figure and the maps of all depths are"
     return answer(given, "windows", found, scene, "^Windows over depth", told, last=False)

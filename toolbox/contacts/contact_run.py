@@ -22,12 +22,13 @@ from toolbox.files.tables import write as write_table
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.elements import FrictionLaw
 from toolbox.simulation.samples import Event
+from toolbox.vocabulary import Renamed
 
 
 class Energies:
     """Energies [J] at every step: kinetic and elastic as they are, all others summed up from the begin of the run.
 
-    work: {input: what its force puts in}.  surface: what the counter-surface puts in.  friction is in `ContactRun.rubbed`.  damping: what the
+    work: {input: what its force puts in}.  surface: what the counter-surface puts in.  friction is in `ContactRun.friction_work`.  damping: what the
     damping takes.  impacts: what closing contacts take, normal and tangential.  stepping: what the time stepping takes from motions that it cannot follow.
     """
 
@@ -44,7 +45,7 @@ class Energies:
         return kept
 
 
-RECORDS = ("time", "coordinates", "rates", "modes", "normal", "tangential", "slip", "rubbed", "passes")
+RECORDS = ("time", "coordinates", "rates", "contact_modes", "normal", "tangential", "slip", "friction_work", "newton_iterations")
 """Arrays of a run in its file, in the order of its fields."""
 
 
@@ -60,7 +61,7 @@ def _law_named(name: str) -> type[FrictionLaw]:
 
 
 @dataclass
-class ContactRun:
+class ContactRun(Renamed):
     """Result of `step_contacts` at t instants. `run["back"]` is the displacement (t,) of an output of the problem [m], `run["back.speed"]` its
     speed [m/s].
 
@@ -70,7 +71,7 @@ class ContactRun:
         (t,): instants [s].
     coordinates, rates
         (t, n): q and its rate.
-    modes
+    contact_modes
         (t, c): 0 stick, 1 slip, 2 open, as in `toolbox.contacts.problem.LEGEND`.
     normal
         (t, c): Normal forces [N], >= 0.
@@ -78,11 +79,11 @@ class ContactRun:
         (t, c, k): tangential forces on the body [N].
     slip
         (t, c, k): distances slipped since the begin, with sign [m].
-    rubbed
+    friction_work
         (t, c): energy that friction has taken at every contact [J].
     energy
         See there.
-    passes
+    newton_iterations
         (t,): Newton passes of every step.
     inputs
         {name: (t,)}: what acted; of what laws drive, the value over the step that ends there.
@@ -96,13 +97,13 @@ class ContactRun:
     time: np.ndarray
     coordinates: np.ndarray
     rates: np.ndarray
-    modes: np.ndarray
+    contact_modes: np.ndarray
     normal: np.ndarray
     tangential: np.ndarray
     slip: np.ndarray
-    rubbed: np.ndarray
+    friction_work: np.ndarray
     energy: Energies
-    passes: np.ndarray
+    newton_iterations: np.ndarray
     inputs: dict[str, np.ndarray] = field(default_factory=dict)
     wall_time: float = 0.0
     _finer: Callable[[], ContactRun] | None = field(default=None, repr=False)
@@ -130,33 +131,33 @@ class ContactRun:
     @property
     def pressure(self) -> np.ndarray:
         """(t, c) normal forces per area [Pa], or [N] where the problem has no areas."""
-        return self.normal / self.problem.areas
+        return self.normal / self.problem.contact_areas
 
     @property
     def traction(self) -> np.ndarray:
         """(t, c) sizes of the tangential forces per area [Pa], or [N] where the problem has no areas."""
-        return np.linalg.norm(self.tangential, axis=2) / self.problem.areas
+        return np.linalg.norm(self.tangential, axis=2) / self.problem.contact_areas
 
     def share(self, mode: str = "stick") -> np.ndarray:
         """(t,) share of the area of all contacts that is in a mode, "stick", "slip" or "open"."""
-        return (self.modes == _code(mode)) @ self.problem.areas / self.problem.areas.sum()
+        return (self.contact_modes == _code(mode)) @ self.problem.contact_areas / self.problem.contact_areas.sum()
 
     def last(self, mode: str = "stick") -> float:
         """Return the last instant at which a contact is in a mode; nan if no contact ever is."""
-        found = np.flatnonzero((self.modes == _code(mode)).any(axis=1))
+        found = np.flatnonzero((self.contact_modes == _code(mode)).any(axis=1))
         return float(self.time[found[-1]]) if found.size else float("nan")
 
     def first(self, mode: str) -> float:
         """Return the first instant at which all contacts are in a mode; nan if they never are."""
-        found = np.flatnonzero((self.modes == _code(mode)).all(axis=1))
+        found = np.flatnonzero((self.contact_modes == _code(mode)).all(axis=1))
         return float(self.time[found[0]]) if found.size else float("nan")
 
     @property
     def events(self) -> list[Event]:
         """Changes of mode in order, each at the end of its step. The element is `contact.i`."""
-        steps, contacts = np.nonzero(np.diff(self.modes.astype(int), axis=0))
+        steps, contacts = np.nonzero(np.diff(self.contact_modes.astype(int), axis=0))
         return [
-            Event(float(self.time[i + 1]), f"contact.{c}", LEGEND[int(self.modes[i, c])], LEGEND[int(self.modes[i + 1, c])])
+            Event(float(self.time[i + 1]), f"contact.{c}", LEGEND[int(self.contact_modes[i, c])], LEGEND[int(self.contact_modes[i + 1, c])])
             for i, c in zip(steps, contacts, strict=True)
         ]
 
@@ -171,7 +172,7 @@ class ContactRun:
         parts = {
             "supplied": float(sum(work[-1] for work in energy.work.values()) + energy.surface[-1]),
             "stored": float(stored[-1] - stored[0]),
-            "friction": float(self.rubbed[-1].sum()),
+            "friction": float(self.friction_work[-1].sum()),
             "damping": float(energy.damping[-1]),
             "impacts": float(energy.impacts[-1]),
             "stepping": float(energy.stepping[-1]),
@@ -259,7 +260,10 @@ class ContactRun:
             tree = dict(json.loads(str(data["run"])))
             kind = _law_named(tree["law"])
             problem = read(Mapping[str, Any], tree["problem"], data, "problem")
-            mappings = {word: read(Mapping[str, Any], problem[word], data, word) for word in ("forces", "surface", "outputs", "units")}
+            mappings = {
+                word: read(Mapping[str, Any], problem[word], data, word)
+                for word in ("force_inputs", "surface_velocity", "outputs", "units")
+            }
             law = kind(**read(Mapping[str, Any], tree["friction"], data, "friction"))
             inputs = {name.removeprefix("input."): values for name, values in data.items() if name.startswith("input.")}
             energy = Energies(0, ())
@@ -276,9 +280,14 @@ class ContactRun:
     def _check(self, data: Mapping[str, np.ndarray]) -> None:
         """Raise ValueError where arrays that were read do not fit to one another and to the problem."""
         problem, n, c, k = self.problem, self.problem.size, self.problem.contacts, self.problem.directions
-        shapes: dict[str, Shape] = {"time": ("f", "t"), "coordinates": ("f", "t", n), "rates": ("f", "t", n), "modes": ("iu", "t", c)}
-        shapes |= {"normal": ("f", "t", c), "tangential": ("f", "t", c, k), "slip": ("f", "t", c, k), "rubbed": ("f", "t", c)}
-        shapes |= {f"input.{name}": ("f", "t") for name in (*problem.forces, *problem.surface)}
+        shapes: dict[str, Shape] = {
+            "time": ("f", "t"),
+            "coordinates": ("f", "t", n),
+            "rates": ("f", "t", n),
+            "contact_modes": ("iu", "t", c),
+        }
+        shapes |= {"normal": ("f", "t", c), "tangential": ("f", "t", c, k), "slip": ("f", "t", c, k), "friction_work": ("f", "t", c)}
+        shapes |= {f"input.{name}": ("f", "t") for name in (*problem.force_inputs, *problem.surface_velocity)}
         shapes |= {name: ("f", "t") for name in data if name.startswith("energy.")}
         check_shapes(data, shapes)
 
@@ -293,7 +302,7 @@ class ContactRun:
         columns |= {word: self.share(word) for word in ("stick", "slip", "open")}
         columns["normal force [N]"] = self.normal.sum(axis=1)
         columns |= {f"{word} force [N]": force for word, force in self._friction().items()}
-        columns["taken by friction [J]"] = self.rubbed.sum(axis=1)
+        columns["taken by friction [J]"] = self.friction_work.sum(axis=1)
         columns |= {f"{word} energy [J]": getattr(energy, word) for word in ("kinetic", "elastic")}
         columns |= {f"taken by {word} [J]": getattr(energy, word) for word in ("damping", "impacts", "stepping")}
         columns |= {f"{name} [{problem.unit(name)}]": values for name, values in self.inputs.items()}
@@ -334,13 +343,13 @@ class ContactRun:
         """Draw the face at an instant [s], by default at the end: values "mode", "pressure", "traction" or "rubbed" of every contact; returns the axes."""
         from toolbox.contacts.figures import draw_field, draw_modes
 
-        if self.problem.places is None:
+        if self.problem.contact_positions is None:
             raise SceneError("Argument `places` of the problem must be given for a picture of its contacts.")
         time = number("time", self.end if time is None else time, "s", at_least=self.time[0], at_most=self.end * (1 + 1e-12))
         i = int(np.argmin(np.abs(self.time - time)))
-        plane = face_of(self.problem.places)
+        plane = face_of(self.problem.contact_positions)
         if values == "mode":
-            return draw_modes(plane, self.modes[i], ax)
+            return draw_modes(plane, self.contact_modes[i], ax)
         scales = {"pressure": (1e-6, "MPa"), "traction": (1e-6, "MPa"), "rubbed": (1e9, "nJ")}
         if values not in scales:
             raise SceneError(f"Argument `values` must be mode, pressure, traction or rubbed, but it is {values!r}.")
@@ -351,16 +360,16 @@ class ContactRun:
         """Write an animation (.gif) of stick, slip and open on the face, beside the share that sticks."""
         from toolbox.contacts.figures import write_animation
 
-        if self.problem.places is None:
+        if self.problem.contact_positions is None:
             raise SceneError("Argument `places` of the problem must be given for a picture of its contacts.")
-        write_animation(path, (self.time, face_of(self.problem.places), self.modes, self.share()), frames, seconds)
+        write_animation(path, (self.time, face_of(self.problem.contact_positions), self.contact_modes, self.share()), frames, seconds)
 
     def __str__(self) -> str:
         now = ", ".join(f"{self.share(word)[-1]:.0%} {word}" for word in ("stick", "slip", "open"))
         took = "" if np.isnan(self.wall_time) else f", {self.wall_time:.2g} s"
         steps = (
             f"{len(self.time) - 1} steps to {self.end:g} s, {self.problem.contacts} contacts ({now} at the end), "
-            f"{self.passes.sum() / max(len(self.time) - 1, 1):.1f} passes a step{took}"
+            f"{self.newton_iterations.sum() / max(len(self.time) - 1, 1):.1f} passes a step{took}"
         )
         share, audit, last = self.share(), self.audit(), self.last()
         still = (

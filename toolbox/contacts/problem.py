@@ -6,7 +6,7 @@
     |T_i| <= mu N_i ,   T_i = -mu N_i s_i / |s_i| where s_i != 0     Coulomb's cone, s_i = t_i q' - surface speed, in one or two directions
 
 q: coordinates of the body, n_i: closure of contact i per coordinate, t_i: its one or two tangential displacements. Where loads are given, N_i is known and
-nothing opens. What acts on the body are inputs in time: `forces` and motions of the counter-surface, `surface`.
+nothing opens. What acts on the body are inputs in time: `force_inputs` and motions of the counter-surface, `surface_velocity`.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.units import parse
 from toolbox.modelling.components import check_fields
 from toolbox.modelling.elements import FrictionLaw, fields_in_si
+from toolbox.vocabulary import Renamed
 
 STICK, SLIP, OPEN = 0, 1, 2
 LEGEND = {STICK: "stick", SLIP: "slip", OPEN: "open"}
 
 
 @dataclass(frozen=True, eq=False)
-class ContactProblem:
+class ContactProblem(Renamed):
     """A linear body with c contacts of the same friction law, for `step_contacts` (equations at the head of `toolbox.contacts.problem`).
 
     Parameters
@@ -48,15 +49,15 @@ class ContactProblem:
         (n, n): [N s/m]; none without.
     gap
         (c,): initial gaps [m]; 0 without.
-    forces
+    force_inputs
         {name: (n,)}: force on the coordinates per unit of an input.
-    surface
+    surface_velocity
         {name: (c, k)}: tangential speed of the counter-surface at every contact per unit of an input.
     outputs
         {name: (n,)}: displacements to be read from a run.
-    places
+    contact_positions
         (c, 1 to 3): where the contacts are [m], for pictures.
-    areas
+    contact_areas
         (c,): area of every contact [m2], for pressures and shares of area; 1 without.
     units
         {input or output: unit}, where that of a force is not N, that of a motion of the counter-surface not m/s, or that of an output not m. An input and
@@ -86,11 +87,11 @@ class ContactProblem:
     load: Any = None
     damping: Any = None
     gap: Any = None
-    forces: Mapping[str, Any] = field(default_factory=dict)
-    surface: Mapping[str, Any] = field(default_factory=dict)
+    force_inputs: Mapping[str, Any] = field(default_factory=dict)
+    surface_velocity: Mapping[str, Any] = field(default_factory=dict)
     outputs: Mapping[str, Any] = field(default_factory=dict)
-    places: Any = None
-    areas: Any = None
+    contact_positions: Any = None
+    contact_areas: Any = None
     units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -101,20 +102,22 @@ class ContactProblem:
         count, directions, _ = tangent.shape
         if (self.normal is None) == (self.load is None):
             raise SceneError("Either `normal` must be given, for contacts that open and close, or `load`, for given loads.")
-        usual = {"damping": np.zeros((size, size)), "gap": np.zeros(count), "areas": np.ones(count)}
+        usual = {"damping": np.zeros((size, size)), "gap": np.zeros(count), "contact_areas": np.ones(count)}
         shapes: dict[str, tuple[int | range, ...]] = {
             "mass": (size, size), "stiffness": (size, size), "damping": (size, size), "tangent": (count, directions, size), "normal": (count, size),
-            "load": (count,), "gap": (count,), "areas": (count,), "places": (count, range(1, 4)),
+            "load": (count,), "gap": (count,), "contact_areas": (count,), "contact_positions": (count, range(1, 4)),
         }  # fmt: skip
         for word, shape in shapes.items():
             given = usual.get(word) if getattr(self, word) is None else getattr(self, word)
-            least = 0.0 if word in ("load", "areas") else None
+            least = 0.0 if word in ("load", "contact_areas") else None
             object.__setattr__(self, word, None if given is None else array(word, given, shape, least))
-        for word, shape in (("forces", (size,)), ("surface", (count, directions)), ("outputs", (size,))):
+        for word, shape in (("force_inputs", (size,)), ("surface_velocity", (count, directions)), ("outputs", (size,))):
             object.__setattr__(self, word, {name: array(f"{word}[{name!r}]", given, shape) for name, given in getattr(self, word).items()})
         for name, unit in self.units.items():
-            if not any(name in known for known in (self.forces, self.surface, self.outputs)):
-                raise SceneError(f"Argument `units` names `{name}`: {suggest(name, [*self.forces, *self.surface, *self.outputs])}")
+            if not any(name in known for known in (self.force_inputs, self.surface_velocity, self.outputs)):
+                raise SceneError(
+                    f"Argument `units` names `{name}`: {suggest(name, [*self.force_inputs, *self.surface_velocity, *self.outputs])}"
+                )
             parse(f"1 {unit}", unit, f"units.{name}")
         self._check()
 
@@ -122,8 +125,8 @@ class ContactProblem:
         """Raise SceneError for matrices that are those of no body, and for a friction law that time stepping does not take."""
         for word in ("mass", "stiffness", "damping"):
             symmetric(word, getattr(self, word))
-        if not self.areas.any():
-            raise SceneError("Argument `areas` must be > 0 for one contact at least, but all are 0.")
+        if not self.contact_areas.any():
+            raise SceneError("Argument `contact_areas` must be > 0 for one contact at least, but all are 0.")
         least = np.linalg.eigvalsh(self.mass)[0]
         if least < -1e-9 * np.abs(self.mass).max():
             raise SceneError(f"Argument `mass` must not be negative along any motion, but its least eigenvalue is {least:.3g}.")
@@ -137,11 +140,11 @@ class ContactProblem:
 
     def unit(self, name: str) -> str:
         """Return the unit of an input, or of an output if no input has this name."""
-        return self.units.get(name, "N" if name in self.forces else "m/s" if name in self.surface else "m")
+        return self.units.get(name, "N" if name in self.force_inputs else "m/s" if name in self.surface_velocity else "m")
 
     def output_unit(self, name: str) -> str:
         """Return the unit of an output. If an input has the same name, `units` holds the unit of the input and the output is in m."""
-        return "m" if name in self.forces or name in self.surface else self.unit(name)
+        return "m" if name in self.force_inputs or name in self.surface_velocity else self.unit(name)
 
     @property
     def contacts(self) -> int:
@@ -170,7 +173,7 @@ class ContactProblem:
 
 
 @dataclass(frozen=True)
-class ContactBody:
+class ContactBody(Renamed):
     """A body with many contacts as a scene names it: subclass it as a frozen dataclass, declare numbers with `quantity`, write `problem`.
 
     Classes of a registered package, or of a file given by `--load`, are in the catalogue, as parts of a plant are. See `ContactScene`.

@@ -48,7 +48,7 @@ class BodySignals(Component):
 
 def signals_of(problem: ContactProblem, with_outputs: bool) -> HybridSystem:
     """The plant without dynamics that stands for a body; states for its outputs only where somebody measures them."""
-    names = tuple((name, problem.unit(name)) for name in (*problem.forces, *problem.surface))
+    names = tuple((name, problem.unit(name)) for name in (*problem.force_inputs, *problem.surface_velocity))
     outputs = tuple((name, problem.output_unit(name)) for name in problem.outputs) if with_outputs else ()
     return compose(BodySignals(names, outputs or (("body", "m"),)))
 
@@ -71,7 +71,7 @@ class Acting:
         _, given, _ = input_kinds(self.system, mapping("inputs", inputs))
         self.values = {name: _at(name, value, times) for name, value in given.items()}
         self._sides = {name: _sides(name, value, times, self.values[name]) for name, value in given.items()}
-        own, updates = (*problem.forces, *problem.surface), self.system.updates
+        own, updates = (*problem.force_inputs, *problem.surface_velocity), self.system.updates
         self.driven = tuple(name for update in updates for name in update.names if name in own)
         if updates and not self.driven:
             names = ", ".join(f"`{name}`" for update in updates for name in update.names)

@@ -152,7 +152,7 @@ def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None =
     >>> from models import Coulomb
     >>> from toolbox.contacts import ContactProblem, press_contacts
     >>> down, along = np.array([[1.0, 0.0]]), np.array([[[0.0, 1.0]]])
-    >>> block = ContactProblem(np.eye(2), np.diag([0.0, 100.0]), along, Coulomb(0.5, 0.5), normal=down, forces={"press": down[0]})
+    >>> block = ContactProblem(np.eye(2), np.diag([0.0, 100.0]), along, Coulomb(0.5, 0.5), normal=down, force_inputs={"press": down[0]})
     >>> print(press_contacts(block, {"press": 20.0}).normal[0], "N")
     [20.] N
     """
@@ -180,7 +180,7 @@ class _Stepping:
         self.normal, self.tangential, self.slip = np.zeros((rows, c)), np.zeros((rows, c, k)), np.zeros((rows, c, k))
         self.modes = np.zeros((rows, c), np.int8)
         self.rubbed, self.passes = np.zeros((rows, c)), np.zeros(rows, int)
-        self.energy = Energies(rows, tuple(problem.forces))
+        self.energy = Energies(rows, tuple(problem.force_inputs))
         self.load = np.zeros(c) if problem.load is None else problem.load
         self.speed = np.zeros((c, k))
         self.last: Solution | None = None
@@ -196,7 +196,8 @@ class _Stepping:
             )
         if math.isinf(h):
             force = sum(
-                (self.values[name][0] * problem.forces[name] for name in self.values if name in problem.forces), np.zeros(problem.size)
+                (self.values[name][0] * problem.force_inputs[name] for name in self.values if name in problem.force_inputs),
+                np.zeros(problem.size),
             )
             found = self._solved(force, np.zeros((problem.contacts, problem.directions)), 0)
             if found is None:
@@ -223,12 +224,12 @@ class _Stepping:
         """The step that ends at times[i]; False where it has no solution."""
         problem, h = self.problem, self.h
         sides = {name: self.acting.over(name, i) for name in self.values}
-        acting = {name: end * problem.forces[name] for name, (_, end) in sides.items() if name in problem.forces}
+        acting = {name: end * problem.force_inputs[name] for name, (_, end) in sides.items() if name in problem.force_inputs}
         force = sum(acting.values(), np.zeros(problem.size))
         drive = force + problem.mass @ self.v[i - 1] / h - problem.stiffness @ self.q[i - 1]
         surface = np.zeros((problem.contacts, problem.directions))
-        for name in problem.surface.keys() & sides.keys():
-            surface += h * sum(sides[name]) / 2 * problem.surface[name]
+        for name in problem.surface_velocity.keys() & sides.keys():
+            surface += h * sum(sides[name]) / 2 * problem.surface_velocity[name]
         found = self._solved(drive, surface, i)
         if found is None:
             return False
@@ -250,7 +251,7 @@ class _Stepping:
             taken, shared = self._impacts(i, found, moved, surface)
             energy.impacts[i] = before.impacts[i - 1] + taken
             energy.stepping[i] -= shared
-        for name in problem.forces:
+        for name in problem.force_inputs:
             work = acting[name] @ moved if name in acting else 0.0
             energy.work[name][i] = energy.work[name][i - 1] + work
         return True

@@ -86,11 +86,11 @@ class Answers(Told, Result):
         The plant.
     initial_controller
         The controller whose stick-slip is taken over.
-    parameter, unit, at
+    parameter, unit, nominal_value
         The set-point that is varied, its unit, and its value in the scene.
     bounds, step
         Range of set-points that was searched, and its grid; nan without a search.
-    entries
+    results
         {label of a controller: its answers}.
     failed
         {label of a controller: why it has no answers}.
@@ -104,25 +104,25 @@ class Answers(Told, Result):
     initial_controller: str
     parameter: str
     unit: str
-    at: float
+    nominal_value: float
     bounds: tuple[float, float]
     step: float
-    entries: dict[str, ControllerAnswer]
+    results: dict[str, ControllerAnswer]
     failed: dict[str, str]
     situation: str
     display_units: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, label: str) -> ControllerAnswer:
         """The answers for a controller, by its label."""
-        if label not in self.entries:
-            raise SceneError(f"There is no controller `{label}` in this result: it has {', '.join(self.entries) or 'none'}.")
-        return self.entries[label]
+        if label not in self.results:
+            raise SceneError(f"There is no controller `{label}` in this result: it has {', '.join(self.results) or 'none'}.")
+        return self.results[label]
 
     @property
     def verdict_rows(self) -> list[tuple[str, ...]]:
         """The table of verdicts at the set-point of the scene, as text."""
         lines: list[tuple[str, ...]] = [("controller", *HEADS.values(), "takes over, one number off", "own stick-slip")]
-        for label, each in self.entries.items():
+        for label, each in self.results.items():
             own = "none found" if math.isnan(each.own_period) else f"yes, period {each.own_period:.3g} s"
             lines.append((label, *(str(each.starts[name]) for name in HEADS), str(each.errors), own))
         return lines
@@ -132,7 +132,7 @@ class Answers(Told, Result):
         """The table of lowest set-points, as text."""
         read = reading(self.unit, self.display_units)
         lines: list[tuple[str, ...]] = [("controller", *HEADS.values(), "no stick-slip of its own")]
-        for label, each in self.entries.items():
+        for label, each in self.results.items():
             values = [each.lowest.get(name, math.nan) for name in HEADS]
             own = (
                 "in all of the range"
@@ -153,7 +153,7 @@ class Answers(Told, Result):
         lines: list[tuple[str, ...]] = [
             ("controller", f"top peak [{speed.unit}]", f"bit peak [{speed.unit}]", f"torque peak [{torque.unit}]", "of its limit")
         ]
-        for label, each in self.entries.items():
+        for label, each in self.results.items():
             share = 100.0 * each.torque_peak / each.torque_limit
             peaks = (each.top_peak * speed.factor, each.bit_peak * speed.factor, each.torque_peak * torque.factor)
             lines.append(
@@ -165,8 +165,8 @@ class Answers(Told, Result):
     def sentences(self) -> list[str]:
         """The answers in one sentence for each controller."""
         read = reading(self.unit, self.display_units)
-        point, told = f"{self.at * read.factor:.4g}{read.tail}", []
-        for label, each in self.entries.items():
+        point, told = f"{self.nominal_value * read.factor:.4g}{read.tail}", []
+        for label, each in self.results.items():
             held = [HEADS[name] for name, count in each.starts.items() if count.runs and count.passed]
             lost = [HEADS[name] for name, count in each.starts.items() if count.runs and not count.passed]
             words = f"{label} at {point}: "
@@ -188,12 +188,12 @@ class Answers(Told, Result):
 
     def _told(self) -> list[str | Rows]:
         read = reading(self.unit, self.display_units)
-        point = f"{self.at * read.factor:.4g}{read.tail}"
+        point = f"{self.nominal_value * read.factor:.4g}{read.tail}"
         lines: list[str | Rows] = [
             f"Stick-slip of {self.title} at {self.parameter} = {point}, taken over from {self.initial_controller}", f"  {self.situation}", *self.sentences, "",
             f"Verdicts at {point}: how many runs come to smooth running (holds), or do not (fails)", Rows(self.verdict_rows, tuple(range(7))),
         ]  # fmt: skip
-        if any(each.lowest for each in self.entries.values()):
+        if any(each.lowest for each in self.results.values()):
             low, high, step = (f"{value * read.factor:.4g}" for value in (*self.bounds, self.step))
             lines += [
                 "",
@@ -215,7 +215,7 @@ class Answers(Told, Result):
             *peaks,
         ]
         rows: list[list[Any]] = []
-        for label, each in self.entries.items():
+        for label, each in self.results.items():
             counts = [value for count in (*(each.starts[name] for name in STARTS), each.errors) for value in (count.held, count.runs)]
             rows.append([label, *counts, *(each.lowest.get(name, math.nan) for name in STARTS), *(getattr(each, name) for name in peaks)])
         return headings, rows
@@ -231,13 +231,13 @@ class Answers(Told, Result):
         from toolbox.drilling.figures import answer_diagram, verdict_diagram
 
         if math.isnan(self.bounds[0]):
-            counted = [(label, [*(each.starts[name] for name in HEADS), each.errors]) for label, each in self.entries.items()]
+            counted = [(label, [*(each.starts[name] for name in HEADS), each.errors]) for label, each in self.results.items()]
             return verdict_diagram(
                 [*HEADS.values(), "one number off"], [(label, [(c.held, c.runs) for c in row]) for label, row in counted], ax
             )
         read = reading(self.unit, self.display_units)
         rows = [
             (label, {HEADS[name]: value * read.factor for name, value in each.lowest.items()}, each.own_end * read.factor)
-            for label, each in self.entries.items()
+            for label, each in self.results.items()
         ]
-        return answer_diagram(rows, self.at * read.factor, tuple(end * read.factor for end in self.bounds), read.unit, ax)
+        return answer_diagram(rows, self.nominal_value * read.factor, tuple(end * read.factor for end in self.bounds), read.unit, ax)

@@ -140,10 +140,10 @@ def answers(
             found = dataclasses.replace(found, failed={**found.failed, label: str(error)})
         if callback is not None:
             callback(found)
-    for label in [] if bounds is None else list(found.entries):
+    for label in [] if bounds is None else list(found.results):
         try:
             lowest, end = questions[label].lowest(low, high, grid)
-            found = _with(found, label, dataclasses.replace(found.entries[label], lowest=lowest, own_end=end))
+            found = _with(found, label, dataclasses.replace(found.results[label], lowest=lowest, own_end=end))
         except (SceneError, SimulationError) as error:
             found = dataclasses.replace(found, failed={**found.failed, label: str(error)})
         if callback is not None:
@@ -152,7 +152,7 @@ def answers(
 
 
 def _with(found: Answers, label: str, entry: ControllerAnswer) -> Answers:
-    return dataclasses.replace(found, entries={**found.entries, label: entry})
+    return dataclasses.replace(found, results={**found.results, label: entry})
 
 
 def knob_of(loop: ClosedLoop) -> str:

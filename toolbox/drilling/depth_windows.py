@@ -46,18 +46,18 @@ class Windows(Told, Result):
         The law and how it runs.
     names, units
         The two numbers, and their units in SI.
-    lowest, highest
+    first_low, first_high
         Ends of the range of the first number, in SI.
     depths
         Depths [m].
-    along
+    second_values
         Values of the second number at which the windows are read, in SI.
-    smooth, free
-        Value of the first number from which on, up to `highest`, smooth running is stable, and from which on stick-slip ends as well; shape (depths, along), in
-        SI; -inf where it is so in the whole range, inf where nowhere up to its end.
-    at
+    smooth_from, free_from
+        Value of the first number from which on, up to `first_high`, smooth running is stable, and from which on stick-slip ends as well; shape (depths,
+        second values), in SI; -inf where it is so in the whole range, inf where nowhere up to its end.
+    operating_points
         Working point of the two numbers at every depth, shape (depths, 2), in SI.
-    margin
+    onset_margins
         How far the first number of the working point is above where smooth running is lost and above where stick-slip ends, in parts of itself, shape
         (depths, 2) [1]; inf where there is no border within the range, -inf where the point is not in the window at all.
     disk_margin
@@ -66,24 +66,24 @@ class Windows(Told, Result):
         {unit: unit that was typed}: the units in which `print` answers.
     situation
         The situation that the verdict holds for, in one line.
-    maps
+    severity_maps
         The map of every depth, each with its own picture; empty in windows that were loaded.
     """
 
     title: str
     names: tuple[str, str]
     units: tuple[str, str]
-    lowest: float
-    highest: float
+    first_low: float
+    first_high: float
     depths: tuple[float, ...]
-    along: np.ndarray
-    smooth: np.ndarray
-    free: np.ndarray
-    at: np.ndarray
-    margin: np.ndarray
+    second_values: np.ndarray
+    smooth_from: np.ndarray
+    free_from: np.ndarray
+    operating_points: np.ndarray
+    onset_margins: np.ndarray
     disk_margin: np.ndarray
     display_units: Mapping[str, str]
-    maps: Any = field(default=(), repr=False, compare=False, metadata=LEFT_OUT)
+    severity_maps: Any = field(default=(), repr=False, compare=False, metadata=LEFT_OUT)
     situation: str = ""
 
     @property
@@ -97,22 +97,22 @@ class Windows(Told, Result):
             )
         ]  # fmt: skip
         for i, depth in enumerate(self.depths):
-            parts = [_part(each) for each in self.margin[i]] + [shown(self.disk_margin[i])]
-            for j, value in enumerate(self.along):
-                borders = [_border(each[i, j], first.factor) for each in (self.smooth, self.free)]
+            parts = [_part(each) for each in self.onset_margins[i]] + [shown(self.disk_margin[i])]
+            for j, value in enumerate(self.second_values):
+                borders = [_border(each[i, j], first.factor) for each in (self.smooth_from, self.free_from)]
                 head = f"{depth * deep.factor:.5g}" if j == 0 else ""
                 lines.append((head, f"{value * second.factor:.4g}", *borders, *(parts if j == 0 else ("", "", ""))))
         return lines
 
     def _told(self) -> list[str | Rows]:
         first, second = (reading(unit, self.display_units) for unit in self.units)
-        points = np.unique(self.at, axis=0)
+        points = np.unique(self.operating_points, axis=0)
         point = ""
         if len(points) == 1 and np.isfinite(points).all():
             x, y = points[0]
             point = f", working point {x * first.factor:.4g}{first.tail}, {y * second.factor:.4g}{second.tail}"
         notes = [
-            f"  between {self.lowest * first.factor:.4g} and {self.highest * first.factor:.4g}{first.tail}{point}",
+            f"  between {self.first_low * first.factor:.4g} and {self.first_high * first.factor:.4g}{first.tail}{point}",
             *([f"  {self.situation}"] if self.situation else []),
             "  smooth: as long as nothing disturbs it; free: from stick-slip, too; all: in the whole range; none: nowhere up to its end",
         ]
@@ -130,9 +130,9 @@ class Windows(Told, Result):
             "disk margin",
         ]
         rows = [
-            [depth, value, self.smooth[i, j], self.free[i, j], *self.margin[i].tolist(), self.disk_margin[i]]
+            [depth, value, self.smooth_from[i, j], self.free_from[i, j], *self.onset_margins[i].tolist(), self.disk_margin[i]]
             for i, depth in enumerate(self.depths)
-            for j, value in enumerate(self.along.tolist())
+            for j, value in enumerate(self.second_values.tolist())
         ]
         return headings, rows
 
@@ -144,8 +144,8 @@ class Windows(Told, Result):
         labels = [f"{name} [{read.tail.strip() or '1'}]" for name, read in zip(self.names, (first, second), strict=True)]
         size = np.array([first.factor, second.factor])
         return window_diagram(
-            labels, [f"{depth * deep.factor:.5g}{deep.tail}" for depth in self.depths], self.along * size[1], self.smooth * size[0], self.free * size[0],
-            self.at * size, (self.lowest * size[0], self.highest * size[0]), axes=axes,
+            labels, [f"{depth * deep.factor:.5g}{deep.tail}" for depth in self.depths], self.second_values * size[1], self.smooth_from * size[0],
+            self.free_from * size[0], self.operating_points * size, (self.first_low * size[0], self.first_high * size[0]), axes=axes,
         )  # fmt: skip
 
 
@@ -156,7 +156,7 @@ def windows(
     controller: Controller | Sampled | Callable[[float], Controller | Sampled],
     ranges: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
-    along: Iterable[NumberOrText] | None = None,
+    second_values: Iterable[NumberOrText] | None = None,
     shape: tuple[int, int] = (13, 7),
     checkpoint: str | Path | None = None,
 ) -> Windows:
@@ -174,7 +174,7 @@ def windows(
     ranges
         {name: (low, high)} of the two numbers of a map. First the number whose lowest value is searched, such as the
         set-point, then the other number, such as the weight on bit.
-    along
+    second_values
         Values of the second number at which windows are read. By default five over its range.
     shape
         Number of points of the map of a depth along both numbers.
@@ -184,7 +184,7 @@ def windows(
     Returns
     -------
     Windows
-        The windows. `found.maps[i].plot()` draws both branches of a depth.
+        The windows. `found.severity_maps[i].plot()` draws both branches of a depth.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def windows(
     ...     string = TorsionalChain(inertia=(2122.0, 374.0), stiffness=(473.0 * 2000.0 / depth,), damping=(23.2,), top_drag=425.0, bit_drag=50.0)
     ...     return compose(string, BitRock())
     >>> ranges = {"top.reference": ("60 rpm", "180 rpm"), "bit.weight": ("40 kN", "100 kN")}
-    >>> found = windows(well, [1500.0], StiffPI(reference="120 rpm"), ranges, along=["60 kN"], shape=(4, 3))
+    >>> found = windows(well, [1500.0], StiffPI(reference="120 rpm"), ranges, second_values=["60 kN"], shape=(4, 3))
     >>> print(found.depths, "m")
     (1500.0,) m
     """
@@ -219,12 +219,12 @@ def windows(
         folder = None if checkpoint is None else Path(checkpoint) / f"{depth:g}m"
         found = severity_map(loop, ranges, shape=shape, halvings=HALVINGS, checkpoint=folder)
         maps.append(found)
-        points.append(found.at)
+        points.append(found.nominal_point)
         disks.append(disk_margin(loop))
     second = loop.number(maps[0].names[1])
     low, high = maps[0].axes[1][[0, -1]]
-    typed = np.linspace(low, high, 5).tolist() if along is None else in_si(list(along), second.unit, "along")
-    values = numbers("along", typed, second.unit, at_least=low, at_most=high)
+    typed = np.linspace(low, high, 5).tolist() if second_values is None else in_si(list(second_values), second.unit, "second_values")
+    values = numbers("second_values", typed, second.unit, at_least=low, at_most=high)
     at = np.array(points, float)
     borders = [np.array([[_from(found, name, value) for value in values] for found in maps]) for name in ("smooth", "sticking")]
     inside = [
@@ -239,17 +239,17 @@ def windows(
         title=described(loop.controllers[0]),
         names=maps[0].names,
         units=maps[0].units,
-        lowest=float(first[0]),
-        highest=float(first[-1]),
+        first_low=float(first[0]),
+        first_high=float(first[-1]),
         depths=tuple(places),
-        along=np.array(values),
-        smooth=borders[0],
-        free=borders[1],
-        at=at,
-        margin=margin,
+        second_values=np.array(values),
+        smooth_from=borders[0],
+        free_from=borders[1],
+        operating_points=at,
+        onset_margins=margin,
         disk_margin=np.array(disks),
         display_units={**maps[0].display_units, "m": asked_in(deep, "m")},
-        maps=tuple(maps),
+        severity_maps=tuple(maps),
         situation=str(dataclasses.replace(situation_of(loops[0]), plants="the nominal plant at each depth")),
     )
 

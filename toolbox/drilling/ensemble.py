@@ -62,20 +62,22 @@ class Knowledge(Renamed):
     inertia: Quantity = quantity(0.034, "1", "deviation of the logarithm of the inertias of drive and string", at_least=0)
     stiffness: Quantity = quantity(0.034, "1", "deviation of the logarithm of the stiffness", at_least=0)
     rock_strength: Quantity = quantity(0.045, "1", "deviation of the logarithm of the strength of the rock", at_least=0)
-    load: Quantity = quantity(0.004, "1", "deviation of what weight and rock vary in a second, in parts of them", at_least=0)
-    lasting: Quantity = quantity(200.0, "s", "time in which the spread of the numbers of the string goes back to what was known", above=0)
-    rock: Quantity = quantity(60.0, "s", "time in which the strength of the rock changes", above=0)
+    load_variation: Quantity = quantity(0.004, "1", "deviation of what weight and rock vary in a second, in parts of them", at_least=0)
+    parameter_correlation_time: Quantity = quantity(
+        200.0, "s", "time in which the spread of the numbers of the string goes back to what was known", above=0
+    )
+    rock_correlation_time: Quantity = quantity(60.0, "s", "time in which the strength of the rock changes", above=0)
 
     def check(self) -> None:
         """Raise SceneError if nothing about the rock is uncertain: identical members learn nothing."""
-        if self.rock_strength == 0 and self.load == 0:
+        if self.rock_strength == 0 and self.load_variation == 0:
             raise SceneError(
-                "Argument `rock_strength` must be above 0 where `load` is 0, because members that are alike learn nothing, but it is 0."
+                "Argument `rock_strength` must be above 0 where `load_variation` is 0, because members that are alike learn nothing, but it is 0."
             )
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(Renamed):
     """What is known at a sample: pairs of mean and standard deviation, in SI.
 
     top_speed, bit_speed [rad/s];  bit_torque [N m], also of a bit that is held;  strength [1] of the rock over the declared one.
@@ -86,11 +88,11 @@ class Estimate:
     top_speed: tuple[float, float]
     bit_speed: tuple[float, float]
     bit_torque: tuple[float, float]
-    strength: tuple[float, float]
+    rock_strength: tuple[float, float]
     severity: tuple[float, float]
-    margin: tuple[float, float]
-    stuck: float
-    sticking: float
+    onset_margin: tuple[float, float]
+    probability_stuck: float
+    probability_stick_slip: float
 
 
 def check_string(plant: HybridSystem) -> None:
@@ -257,7 +259,7 @@ class EnsembleFilter:
         for j, places in enumerate(self.numbers):
             self.table[:, places] = self.rollout.numbers[places] * factors[:, j : j + 1]
         kept = math.exp(-duration)
-        self.load = kept * self.load + known.load * math.sqrt(1.0 - kept * kept) * draw(n)
+        self.load = kept * self.load + known.load_variation * math.sqrt(1.0 - kept * kept) * draw(n)
         self.table[:, self.plant.values.size + self.contact] = factors[:, 3] * (1.0 + self.load)
         if math.isfinite(torque):
             push = torque + known.torque_noise * draw(n)
@@ -274,7 +276,7 @@ class EnsembleFilter:
         one = self.rollout.motion(np.zeros(self.rollout.n), np.zeros((1, driven.shape[1])), duration)
         advance_all(one, Members(self.table, driven, self.states, modes))
         self.time += duration
-        ways = np.array([known.lasting] * 3 + [known.rock])
+        ways = np.array([known.parameter_correlation_time] * 3 + [known.rock_correlation_time])
         keeps = np.exp(-duration / ways)
         before = self.logs[:, 2].copy()
         self.logs = keeps * self.logs + self.deviations * np.sqrt(1.0 - keeps**2) * draw((n, 4))

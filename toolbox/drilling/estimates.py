@@ -67,7 +67,7 @@ class Detector:
         if self.alarm:
             self.alarm = not severity < CALM
         else:
-            self.alarm = severity >= SEVERE and found.sticking >= STICKING
+            self.alarm = severity >= SEVERE and found.probability_stick_slip >= STICKING
         return self.alarm
 
 
@@ -85,13 +85,13 @@ class Estimates(Told, Result):
         {"bit_speed", "bit_torque", "strength", "severity" or "margin": values in SI, shape (nt,)}; nan where nothing is known. The margin is the mean bit speed
         over the border below which smooth running is lost; it is nan while the bit sticks and slips. Severity and margin are nan where ensemble and torque
         disagree on stick-slip.
-    alarm
+    stick_slip
         Whether there is stick-slip, by ensemble and torque, shape (nt,).
     source
         Where the log comes from.
     members
         Of the ensemble.
-    measured
+    measured_samples
         Number of samples with a top speed.
     display_units
         {unit: unit that was typed}.
@@ -99,7 +99,7 @@ class Estimates(Told, Result):
         What is not known and why, where ensemble and torque disagree, and where the machine cannot be that of the log.
     torque_swing
         Amplitude of the surface torque at the period of the string over its mean (stick-slip index), which needs no model, shape (nt,).
-    slow
+    sampling_too_slow
         Where the log is too slow to see stick-slip, shape (nt,).
     """
 
@@ -107,14 +107,14 @@ class Estimates(Told, Result):
     time: np.ndarray
     mean: dict[str, np.ndarray]
     deviation: dict[str, np.ndarray]
-    alarm: np.ndarray
+    stick_slip: np.ndarray
     source: str
     members: int
-    measured: int
+    measured_samples: int
     display_units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     torque_swing: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    slow: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    sampling_too_slow: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
     @property
     def units(self) -> dict[str, str]:
@@ -124,12 +124,12 @@ class Estimates(Told, Result):
     @property
     def spells(self) -> list[tuple[float, float]]:
         """Begin and end [s] of each time of stick-slip, as it was told; a gap of the log ends one."""
-        return _stretches(self.time, self.alarm)
+        return _stretches(self.time, self.stick_slip)
 
     def _told(self) -> list[str | Rows]:
         lines: list[str | Rows] = [
-            f"Estimates of {self.title}: {self.time.size} samples over {self.time[-1] - self.time[0]:.4g} s ({self.source}), {self.measured} with a top speed, "
-            f"{self.members} members"
+            f"Estimates of {self.title}: {self.time.size} samples over {self.time[-1] - self.time[0]:.4g} s ({self.source}), "
+            f"{self.measured_samples} with a top speed, {self.members} members"
         ]
         rows: list[tuple[str, ...]] = [("estimate", "unit", "at the end", "deviation", "mean", "lowest", "highest")]
         for name, unit in UNITS.items():
@@ -145,10 +145,10 @@ class Estimates(Told, Result):
             rows.append(("torque swing over mean", "1", *end, *(f"{each:.4g}" for each in (known.mean(), known.min(), known.max()))))
         lines.append(Rows(rows, left=(0, 1)))
         spells = self.spells
-        slow = _stretches(self.time, self.slow) if self.slow.size else []
+        slow = _stretches(self.time, self.sampling_too_slow) if self.sampling_too_slow.size else []
         lines += [f"  too slow to see stick-slip from {begin:.4g} s to {end:.4g} s" for begin, end in slow]
         lines += [f"  stick-slip from {begin:.4g} s to {end:.4g} s" for begin, end in spells]
-        if not spells and not (self.slow.size and self.slow.all()):
+        if not spells and not (self.sampling_too_slow.size and self.sampling_too_slow.all()):
             lines.append("  no stick-slip")
         return [*lines, *(f"Note: {note}" for note in self.notes)]
 
@@ -161,11 +161,11 @@ class Estimates(Told, Result):
             headings += [heading(name, unit), heading(f"{name} deviation", unit)]
             values += [self.mean[name], self.deviation[name]]
         headings.append("stick-slip")
-        values.append(self.alarm.astype(float))
-        if self.slow.size:
+        values.append(self.stick_slip.astype(float))
+        if self.sampling_too_slow.size:
             headings += ["torque swing", "too slow"]
-            values += [self.torque_swing, self.slow.astype(float)]
-        ends = len(headings) - 1 - 2 * bool(self.slow.size)
+            values += [self.torque_swing, self.sampling_too_slow.astype(float)]
+        ends = len(headings) - 1 - 2 * bool(self.sampling_too_slow.size)
         return headings, [
             [int(each) if k == ends or k == ends + 2 else each for k, each in enumerate(row)] for row in np.stack(values, 1).tolist()
         ]

@@ -78,7 +78,7 @@ class Schedule(Told, Result):
     ----------
     title
         The law and how it runs.
-    way
+    run_conditions
         From where runs begin, and when they are judged.
     depths
         Depths of the table [m].
@@ -94,12 +94,12 @@ class Schedule(Told, Result):
         The law with all its numbers, as it is sampled, at the first depth; None in one that was loaded.
     situation
         The situation that the verdict holds for, in one line.
-    every
+    all_gains
         All its numbers at the depths of the table, those that do not change too; None in one that was loaded.
     """
 
     title: str
-    way: str
+    run_conditions: str
     depths: tuple[float, ...]
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -107,7 +107,7 @@ class Schedule(Told, Result):
     checked: tuple[CheckedDepth, ...]
     display_units: Mapping[str, str]
     controller: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
-    every: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
+    all_gains: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
     situation: str = ""
 
     @property
@@ -126,7 +126,7 @@ class Schedule(Told, Result):
             raise SceneError(
                 "A schedule that was loaded has no law, which belongs to the machine: make it again by `schedule`, or take `gains_at`."
             )
-        return _law_at(self.controller, self.depths, self.every, number("depth", depth, "m", at_least=0))
+        return _law_at(self.controller, self.depths, self.all_gains, number("depth", depth, "m", at_least=0))
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
@@ -154,7 +154,7 @@ class Schedule(Told, Result):
         )
         return [
             f"Gains over depth of {self.title}: {verdict}",
-            f"  {self.situation or self.way}",
+            f"  {self.situation or self.run_conditions}",
             Rows(self.rows, (1,)),
         ]
 

@@ -55,14 +55,14 @@ class Machine(Renamed):
     """
 
     name: str
-    factors: tuple[tuple[str, float], ...] = ()
+    parameter_factors: tuple[tuple[str, float], ...] = ()
     delay: float = 0.0
     plant: HybridSystem | None = field(default=None, repr=False)
-    weight: Varying | None = None
+    weight_variation: Varying | None = None
 
 
 @dataclass(frozen=True)
-class Group:
+class Group(Renamed):
     """Plants on which a controller is judged, with seeds of the noise and phases of the cycle (as fractions of its period) at which it takes
     over.
 
@@ -74,20 +74,20 @@ class Group:
     machines: tuple[Machine, ...]
     seeds: tuple[int, ...] = (0,)
     noise: float = 0.01
-    phases: tuple[float, ...] = tuple(k / 8 for k in range(8))
-    judged: float = 80.0
-    margin: float = field(default=0.0, repr=False)
+    takeover_phases: tuple[float, ...] = tuple(k / 8 for k in range(8))
+    judged_time: float = 80.0
+    min_disk_margin: float = field(default=0.0, repr=False)
 
     @property
     def runs(self) -> int:
         """Number of runs at one set-point."""
-        return len(self.machines) * len(self.seeds) * len(self.phases)
+        return len(self.machines) * len(self.seeds) * len(self.takeover_phases)
 
     @property
     def lasting(self) -> Group:
         """The same machines with few phases and seeds for half an hour."""
-        chosen = self.phases[:: max(1, len(self.phases) // FEW)][:FEW]
-        return replace(self, seeds=self.seeds[:SEEN], phases=chosen, judged=LASTING)
+        chosen = self.takeover_phases[:: max(1, len(self.takeover_phases) // FEW)][:FEW]
+        return replace(self, seeds=self.seeds[:SEEN], takeover_phases=chosen, judged_time=LASTING)
 
 
 WEIGHTS = (
@@ -176,7 +176,8 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
     if "bit.friction.decay" in names:
         groups.append(Group("other_rocks", (Machine("half the decay", (("bit.friction.decay", 0.5),)),), SEEDS[:3], noise))
     varying = tuple(
-        Machine(f"weight {'noise' if each.noise else 'sine'} {100 * each.size:g} %, {each.frequency:g} Hz", weight=each) for each in WEIGHTS
+        Machine(f"weight {'noise' if each.noise else 'sine'} {100 * each.size:g} %, {each.frequency:g} Hz", weight_variation=each)
+        for each in WEIGHTS
     )
     groups.append(Group("varying_weight", varying, SEEDS[:COURSES], noise, (0.0, 0.5), 600.0))
     return {group.name: group for group in groups}
@@ -234,4 +235,4 @@ def drawn_group(
     machines = []
     for k, row in enumerate(made.points.tolist()):
         machines.append(Machine(f"draw {k + 1}", tuple((name, v / at) for name, v, at in zip(made.names, row, declared, strict=True))))
-    return Group("drawn", tuple(machines), phases=tuple(phases))
+    return Group("drawn", tuple(machines), takeover_phases=tuple(phases))

@@ -28,7 +28,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Controller
 from toolbox.scenes.situation import Situation
 from toolbox.sweeps.executors import check_executor
-from toolbox.vocabulary import NOW, Renamed, now_or_near
+from toolbox.vocabulary import NOW, Renamed, new_field, now_or_near
 
 ABOVE = (0.3, 0.8, 2.0)
 """How far above a border [rad/s] it is confirmed."""
@@ -60,7 +60,7 @@ class Cells:
                 try:
                     row = json.loads(line)
                     key = row.pop("key")
-                    self.known[key] = Outcome(**row)
+                    self.known[key] = Outcome(**{new_field(Outcome, name): value for name, value in row.items()})
                 except (json.JSONDecodeError, KeyError, TypeError, AttributeError):
                     continue
 
@@ -74,7 +74,7 @@ class Cells:
                 with self.path.open("a", encoding="utf-8") as file:
                     file.write("\n" + json.dumps({"key": key, **dataclasses.asdict(found)}))
             if self.say is not None:
-                lasts = f" for {group.judged:g} s" if group.judged >= LASTING else ""
+                lasts = f" for {group.judged_time:g} s" if group.judged_time >= LASTING else ""
                 said = f"holds{lasts}" if found.passed else f"fails: {found.why}"
                 factor, unit = reading("rad/s", self.display_units)
                 self.say(f"{self.place}{trial.label}, {group.name}, {way}, {reference * factor:.4g} {unit}: {said}")
@@ -83,7 +83,7 @@ class Cells:
     def grows(self, trial: Trial, group: Group, reference: float, way: str) -> bool:
         """Whether a small disturbance of smooth running grows on a machine of a group, for which no run is needed."""
         known = self.known.get(_key(trial, group, reference, way))
-        return (known.growth if known is not None else trial.growth(group.machines, reference)[0]) > 0.0
+        return (known.growth_rate if known is not None else trial.growth(group.machines, reference)[0]) > 0.0
 
 
 def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
@@ -96,49 +96,49 @@ class SetPointLimit(Renamed):
 
     Attributes
     ----------
-    speed
+    lowest_set_point
         Lowest set-point [rad/s]; nan where none is held.
     why
         Which run fails one step below it, or at the highest set-point where none is held.
-    highest
+    highest_set_point
         Highest set-point that holds [rad/s], where the law fails again above it; nan where nothing that was tried above does.
     time_above_setpoint
         Largest share of half an hour after the recovery with the top 10 % above what is asked [1].
-    recovery
+    recovery_time
         Longest time before that with the top so far above [s]; of a raised set-point that includes the raising.
-    fastest, torque
+    max_bit_speed, max_torque
         Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
-    lifts, relapses_per_hour
+    max_lifts, relapses_per_hour
         Most lifts from the takeover on, and most an hour after the recovery, for a law that lifts its set-point.
-    relief
+    max_weight_relief
         Largest mean share of the weight that is taken off, for a law that does so [1].
-    growth
+    growth_rate
         Largest rate at which a small disturbance of smooth running grows on a machine [1/s]; below 0 it dies.
-    margin, margin_nominal
+    disk_margin, disk_margin_nominal
         Smallest disk margin over the machines of the group, and that of the declared one, at that set-point [1]; nan for a law without a slope.
-    weakest
+    weakest_plant
         The machine with the smallest.
     """
 
-    speed: float
+    lowest_set_point: float
     why: str
-    highest: float = math.nan
+    highest_set_point: float = math.nan
     time_above_setpoint: float = math.nan
-    recovery: float = math.nan
-    fastest: float = math.nan
-    torque: float = math.nan
-    lifts: float = math.nan
+    recovery_time: float = math.nan
+    max_bit_speed: float = math.nan
+    max_torque: float = math.nan
+    max_lifts: float = math.nan
     relapses_per_hour: float = math.nan
-    relief: float = math.nan
-    growth: float = math.nan
-    margin: float = math.nan
-    margin_nominal: float = math.nan
-    weakest: str = ""
+    max_weight_relief: float = math.nan
+    growth_rate: float = math.nan
+    disk_margin: float = math.nan
+    disk_margin_nominal: float = math.nan
+    weakest_plant: str = ""
 
     @property
     def range(self) -> tuple[float, ...]:
         """The lowest set-point and, if there is one, the highest [rad/s]."""
-        return (self.speed,) if math.isnan(self.highest) else (self.speed, self.highest)
+        return (self.lowest_set_point,) if math.isnan(self.highest_set_point) else (self.lowest_set_point, self.highest_set_point)
 
 
 def lowest(
@@ -189,11 +189,11 @@ def lowest(
                 high = top
                 continue
             declared, margin, weakest = trial.disk_margins(group.machines, speed)
-            if not min(declared, margin) < group.margin:
+            if not min(declared, margin) < group.min_disk_margin:
                 found = dataclasses.asdict(cells.outcome(trial, group.lasting if lasts else group, speed, way))
                 for name in ("passed", "why", "runs"):
                     del found[name]
-                return SetPointLimit(speed, below, until, **found, margin=margin, margin_nominal=declared, weakest=weakest)
+                return SetPointLimit(speed, below, until, **found, disk_margin=margin, disk_margin_nominal=declared, weakest_plant=weakest)
             short = f"{weakest if margin <= declared else 'nominal'}: disk margin {min(declared, margin):.3f}"
         low, below = high, short
         if high == top:
@@ -223,7 +223,7 @@ def borders(
     cells = cells or Cells()
     for k, (group, way) in enumerate(itertools.product(groups, ways), 1):
         cells.place = f"cell {k} of {len(groups) * len(ways)}: "
-        known = found["nominal", way].speed if ("nominal", way) in found else math.nan
+        known = found["nominal", way].lowest_set_point if ("nominal", way) in found else math.nan
         low = lower if math.isnan(known) else max(known - HELP, lower)
         found[group.name, way] = lowest(trial, group, way, cells, low, **searched)
     return found
@@ -231,7 +231,7 @@ def borders(
 
 @dataclass(frozen=True)
 class LowestSetPoints(Result):
-    """Lowest set-points of controllers on groups of plants: `print(found)` shows the table, `found["soft torque", "one_at_a_time"].speed` is a
+    """Lowest set-points of controllers on groups of plants: `print(found)` shows the table, `found["soft torque", "one_at_a_time"].lowest_set_point` is a
     single set-point.
 
     Attributes
@@ -291,13 +291,13 @@ class LowestSetPoints(Result):
         lines: list[tuple[str, ...]] = [(*heads, *price)]
         for key, each in self.entries.items():
             said = [
-                "none" if math.isnan(each.speed) else " to ".join(f"{value * speed.factor:.3g}" for value in each.range),
-                shown(each.margin, ".2f"), shown(each.margin_nominal, ".2f"),
-                shown(100.0 * each.time_above_setpoint, ".1f", " %"), shown(each.recovery, ".0f", " s"), shown(each.fastest * speed.factor, ".3g"),
-                shown(each.torque * torque.factor, ".3g"), shown(each.lifts, ".0f"), shown(each.relapses_per_hour, ".0f"),
-                shown(100.0 * each.relief, ".1f", " %"), told_growth(each.growth),
+                "none" if math.isnan(each.lowest_set_point) else " to ".join(f"{value * speed.factor:.3g}" for value in each.range),
+                shown(each.disk_margin, ".2f"), shown(each.disk_margin_nominal, ".2f"),
+                shown(100.0 * each.time_above_setpoint, ".1f", " %"), shown(each.recovery_time, ".0f", " s"), shown(each.max_bit_speed * speed.factor, ".3g"),
+                shown(each.max_torque * torque.factor, ".3g"), shown(each.max_lifts, ".0f"), shown(each.relapses_per_hour, ".0f"),
+                shown(100.0 * each.max_weight_relief, ".1f", " %"), told_growth(each.growth_rate),
             ]  # fmt: skip
-            at_top = f"at {self.bounds[1] * speed.factor:.3g} {speed.unit}: " if math.isnan(each.speed) else ""
+            at_top = f"at {self.bounds[1] * speed.factor:.3g} {speed.unit}: " if math.isnan(each.lowest_set_point) else ""
             lines.append((*key, *said, at_top + each.why))
         return lines
 
@@ -340,7 +340,10 @@ class LowestSetPoints(Result):
         from toolbox.drilling.figures import set_point_diagram
 
         factor, unit = reading("rad/s", self.display_units)
-        rows = [(label, group, way, each.speed * factor, each.highest * factor) for (label, group, way), each in self.entries.items()]
+        rows = [
+            (label, group, way, each.lowest_set_point * factor, each.highest_set_point * factor)
+            for (label, group, way), each in self.entries.items()
+        ]
         return set_point_diagram(rows, self.bounds[1] * factor, unit, ax)
 
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
@@ -359,7 +362,7 @@ def chosen_groups(trial: Trial, groups: Sequence[str | Group], margin: float | N
         if isinstance(each, str) and each not in NAMES:
             raise SceneError(f"There is no group `{each}`: {now_or_near('group', each, NAMES)}")
         chosen += [each] if isinstance(each, Group) else [every[each]] if each in every else []
-    return chosen if margin is None else [dataclasses.replace(each, margin=margin) for each in chosen]
+    return chosen if margin is None else [dataclasses.replace(each, min_disk_margin=margin) for each in chosen]
 
 
 @takes_loop
@@ -443,7 +446,7 @@ def lowest_set_point(
     >>> from toolbox import Sampled, closed_loop, compose, lowest_set_point
     >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms"))
     >>> found = lowest_set_point(loop, StiffPI(), ["nominal"], protocols=["takeover"], bounds=(4.0, 14.0), step=2.0, long_run=False)
-    >>> print({key[1:]: round(limit.speed, 1) for key, limit in found.entries.items()})
+    >>> print({key[1:]: round(limit.lowest_set_point, 1) for key, limit in found.entries.items()})
     {('nominal', 'takeover'): 10.0}
     """
     check_executor(executor)
@@ -459,7 +462,7 @@ def lowest_set_point(
     cells = Cells(None if checkpoint is None else Path(checkpoint), callback, asked)
     found = borders(trial, chosen, protocols, cells, low, higher=high, step=grid, lasts=long_run)
     entries: dict[tuple[str, ...], SetPointLimit] = {(trial.label, *key): each for key, each in found.items()}
-    count = len(chosen[0].phases) if chosen else 0
+    count = len(chosen[0].takeover_phases) if chosen else 0
     start = f"{count} phases of the stick-slip of the nominal plant under {type(initial_controller).__name__}, which is taken over without a jump"
     situation = Situation(
         "the plants of each group", f"started from {start}", "controller designed at each set-point", "surroundings of each group",

@@ -67,13 +67,13 @@ class Outcome(Renamed):
         How many were run.
     time_above_setpoint
         Largest share of the judged window in which the top was more than 10 % above what is asked [1].
-    recovery
+    recovery_time
         Longest time that it was so before that window [s]; of a raised set-point that includes the raising.
-    fastest, torque
+    max_bit_speed, max_torque
         Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
-    lifts, relapses_per_hour, relief
+    max_lifts, relapses_per_hour, max_weight_relief
         Most lifts of a run, most of them an hour in the judged window, and largest mean share of the weight that is taken off, for a law that does so.
-    growth
+    growth_rate
         Largest rate [1/s] at which a small disturbance of smooth running grows on a machine, where that was looked at.
     """
 
@@ -81,13 +81,13 @@ class Outcome(Renamed):
     why: str = ""
     runs: int = 0
     time_above_setpoint: float = math.nan
-    recovery: float = math.nan
-    fastest: float = math.nan
-    torque: float = math.nan
-    lifts: float = math.nan
+    recovery_time: float = math.nan
+    max_bit_speed: float = math.nan
+    max_torque: float = math.nan
+    max_lifts: float = math.nan
     relapses_per_hour: float = math.nan
-    relief: float = math.nan
-    growth: float = math.nan
+    max_weight_relief: float = math.nan
+    growth_rate: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ class Trial:
 
     def off(self, loop: ClosedLoop, machine: Machine) -> ClosedLoop:
         """A loop of the law with the numbers of a machine."""
-        for name, factor in machine.factors:
+        for name, factor in machine.parameter_factors:
             loop = loop.at(self.place(name), factor * float(loop.number(self.place(name)).value))
         return loop
 
@@ -233,11 +233,11 @@ class Trial:
         before, plant = at_set_point(self.before, reference), machine.plant or self.plant
         law = self.design(reference) if asleep or machine.plant is not None else self.of(reference)  # designed on the declared plant
         inputs = self.inputs(given)
-        if machine.weight is not None:
-            inputs[self.place("bit.weight")] = machine.weight.input(_bare(self.loop).number("bit.weight").value, seed)
+        if machine.weight_variation is not None:
+            inputs[self.place("bit.weight")] = machine.weight_variation.input(_bare(self.loop).number("bit.weight").value, seed)
         watched = _watched(plant, Watch(reference=reference, **(limits_of(law) or limits_of(before)), name="watch"))
         both = Takeover(before, law, at=at, name="takeover")
-        alike = replace(machine, factors=())
+        alike = replace(machine, parameter_factors=())
         if asleep:
             return self.on(alike, both, group.noise or None, seed, watched, inputs=inputs), last
         inputs["top.reference"] = (
@@ -266,19 +266,21 @@ class Trial:
     def outcome(self, group: Group, reference: float, way: str = "takeover") -> Outcome:
         """What comes of the law on a group of machines; stops at the first sweep that holds a failure."""
         growth = math.nan
-        if group.judged >= LASTING:
+        if group.judged_time >= LASTING:
             growth, where = self.growth(group.machines, reference)
             if growth > 0.0:
-                return Outcome(False, f"{where}: smooth running is not stable, a disturbance {told_growth(growth)}", growth=growth)
+                return Outcome(False, f"{where}: smooth running is not stable, a disturbance {told_growth(growth)}", growth_rate=growth)
         runs = 0
-        most = dict.fromkeys(("time_above_setpoint", "recovery", "fastest", "torque_high", "lifts", "relapses_per_hour", "relief"), 0.0)
+        most = dict.fromkeys(
+            ("time_above_setpoint", "recovery_time", "max_bit_speed", "max_torque", "max_lifts", "relapses_per_hour", "max_weight_relief"),
+            0.0,
+        )
         for failed, numbers in self.attempts(group, reference, way):
             runs += len(numbers["stuck"])
             if failed:
                 return Outcome(False, failed[0], runs)
             most = {name: max(most[name], float(np.max(numbers[name]))) if name in numbers else math.nan for name in most}
-        most["torque"] = most.pop("torque_high")
-        return Outcome(True, "", runs, growth=growth, **most)
+        return Outcome(True, "", runs, growth_rate=growth, **most)
 
     def attempts(self, group: Group, reference: float, way: str = "takeover") -> Iterator[tuple[list[str], dict[str, np.ndarray]]]:
         """(which runs failed and why, what was measured of each) of one batch of runs after the other.
@@ -286,17 +288,19 @@ class Trial:
         As many seeds as fill the lanes come before all others, because most failures show with them.
         """
         cycle, asleep = self.cycle(reference), self.in_python(reference)
-        times = [self.takeover(reference, phase) for phase in group.phases]
+        times = [self.takeover(reference, phase) for phase in group.takeover_phases]
         begun = (cycle.release if asleep else 0.0) + 2.0 * cycle.period + 1.0
         alike = _alike(group.machines, asleep)
         few = 1 if asleep else -(-LANES // (max(map(len, alike)) * len(times)))
         for seeds in [(seed,) for seed in group.seeds] if asleep else filter(None, (group.seeds[:few], group.seeds[few:])):
             for machines in alike:
                 loop, last = self.takes_over(machines[0], group, reference, way, seeds[0], times[0])
-                after, end = last + SETTLING, last + SETTLING + group.judged
+                after, end = last + SETTLING, last + SETTLING + group.judged_time
                 asked = _measures(loop, begun, after)
                 numbers = self._numbers(loop, machines)
-                names = [f"{each.name}, seed {seed}, phase {phase:g}" for seed in seeds for each in machines for phase in group.phases]
+                names = [
+                    f"{each.name}, seed {seed}, phase {phase:g}" for seed in seeds for each in machines for phase in group.takeover_phases
+                ]
                 found: Iterable[Any]
                 if asleep:  # a law in Python: up to the first run that fails
                     given = (
@@ -311,11 +315,11 @@ class Trial:
                 for several in found:
                     measured = {name: np.asarray(several[name]) for name in asked}
                     count = len(measured["stuck"])
-                    measured |= _again(measured, group.judged)
-                    varying = machines[0].weight is not None
-                    failed = _failed(names[:count], measured, reference, group.noise, varying, group.judged >= LASTING)
+                    measured |= _again(measured, group.judged_time)
+                    varying = machines[0].weight_variation is not None
+                    failed = _failed(names[:count], measured, reference, group.noise, varying, group.judged_time >= LASTING)
                     names = names[count:]
-                    measured["recovery"] = measured["recovery"] * (after - begun)
+                    measured["recovery_time"] = measured["recovery_time"] * (after - begun)
                     yield failed, measured
 
     def _in_turn(self, given: Iterable[tuple[Any, ...]]) -> Iterator[dict[str, float]]:
@@ -331,8 +335,10 @@ class Trial:
 
     def _numbers(self, loop: ClosedLoop, machines: Sequence[Machine]) -> list[dict[str, float]]:
         """The numbers of machines that are alike, all under the same names; the weight is among them unless it varies."""
-        factors = [{self.place(name): factor for name, factor in each.factors} for each in machines]
-        given = {name for each in factors for name in each} | ({self.place("bit.weight")} if machines[0].weight is None else set())
+        factors = [{self.place(name): factor for name, factor in each.parameter_factors} for each in machines]
+        given = {name for each in factors for name in each} | (
+            {self.place("bit.weight")} if machines[0].weight_variation is None else set()
+        )
         declared = {name: float(loop.number(name).value) for name in sorted(given)}
         return [declared | {name: factor * declared[name] for name, factor in each.items()} for each in factors]
 
@@ -342,8 +348,14 @@ class Trial:
         """What is measured of machines that are alike, under every seed: rows of what varies under one; asked: `duration` and `measures` of `Courses`."""
         from toolbox.sweeps.courses import Courses
 
-        mean, (place, kind) = _bare(self.loop).number("bit.weight").value, (self.place("bit.weight"), machines[0].weight)
-        weights = [each.weight.input(mean, seed) for seed in seeds for each in machines if each.weight for _ in group.phases]
+        mean, (place, kind) = _bare(self.loop).number("bit.weight").value, (self.place("bit.weight"), machines[0].weight_variation)
+        weights = [
+            each.weight_variation.input(mean, seed)
+            for seed in seeds
+            for each in machines
+            if each.weight_variation
+            for _ in group.takeover_phases
+        ]
         courses = Courses(loop, rows, seeds, inputs={place: weights} if weights else {}, **asked)
         alike = (machines[0].plant, tuple(type(value) for value in loop.inputs.values()), kind and kind.noise)
         if alike not in self._found:
@@ -394,18 +406,18 @@ def _measures(loop: ClosedLoop, begun: float, after: float) -> dict[str, Any]:
     from toolbox.measuring import metrics
 
     lifting = {
-        "lifts": ("lifting.lifts", metrics.maximum("lifting.lifts", begun)),
+        "max_lifts": ("lifting.lifts", metrics.maximum("lifting.lifts", begun)),
         "before": ("lifting.lifts", metrics.minimum("lifting.lifts", after)),
         "lifted": ("lifting.lifts", metrics.mean("watch.lifted", after)),
-        "relief": ("lifting.relief", metrics.mean("lifting.relief", begun)),
+        "max_weight_relief": ("lifting.relief", metrics.mean("lifting.relief", begun)),
     }
     last = {"speed": "bit.speed", "torque": "top.torque", "square": "watch.square", "limited": "watch.limited"}
     return {
         "stuck": metrics.time_in("bit", after),
         "time_above_setpoint": metrics.mean("watch.above", after),
-        "recovery": metrics.mean("watch.above", begun, after),
-        "fastest": metrics.maximum("bit.speed", begun),
-        "torque_high": metrics.maximum("top.torque", begun),
+        "recovery_time": metrics.mean("watch.above", begun, after),
+        "max_bit_speed": metrics.maximum("bit.speed", begun),
+        "max_torque": metrics.maximum("top.torque", begun),
         **{name: metrics.mean(of, after) for name, of in last.items()},
         **{name: each for name, (of, each) in lifting.items() if loop.system.has_signal(of)},
     }
@@ -413,7 +425,7 @@ def _measures(loop: ClosedLoop, begun: float, after: float) -> dict[str, Any]:
 
 def _again(measured: Mapping[str, np.ndarray], judged: float) -> dict[str, np.ndarray]:
     """Lifts an hour in the judged window of so many seconds, of a law that lifts."""
-    return {"relapses_per_hour": (measured["lifts"] - measured["before"]) * 3600.0 / judged} if "lifts" in measured else {}
+    return {"relapses_per_hour": (measured["max_lifts"] - measured["before"]) * 3600.0 / judged} if "max_lifts" in measured else {}
 
 
 def _failed(
@@ -458,7 +470,7 @@ def _alike(machines: Sequence[Machine], apart: bool) -> list[list[Machine]]:
     """Machines that differ by numbers only, together; apart: those with other courses of the weight not."""
     found: dict[Any, list[Machine]] = {}
     for each in machines:
-        weight = each.weight if apart or each.weight is None else each.weight.noise
+        weight = each.weight_variation if apart or each.weight_variation is None else each.weight_variation.noise
         found.setdefault((each.delay, each.plant, weight), []).append(each)
     return list(found.values())
 

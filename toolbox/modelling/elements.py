@@ -19,7 +19,7 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.files.printing import Declared
 from toolbox.files.units import in_si, warn_unusual
-from toolbox.vocabulary import new_names_only
+from toolbox.vocabulary import Renamed, new_names_only
 
 time = ca.SX.sym("time")
 """The symbol of time [s]: build input expressions from it, e.g. `10_000 + 500*casadi.sin(3*time)`."""
@@ -226,7 +226,7 @@ def _expression(law: Any, method: str, given: Any) -> ca.SX:
 
 
 @dataclass(frozen=True)
-class FrictionLaw(Declared):
+class FrictionLaw(Renamed, Declared):
     """A friction law: the coefficient of dry friction per unit of load, as a function of the slip speed.
 
     Subclass it as a frozen dataclass whose numeric fields are declared with `quantity`, and write `sliding` and `breakaway`. The law must be smooth for

@@ -88,7 +88,7 @@ def followed(search: OnsetSearch, cycle: Cycle, origin: float, goal: float, widt
     """The branch of a cycle at `origin` towards `goal`, up to its first bifurcation."""
     low, high = min(origin, goal), max(origin, goal)
     step = min(0.1, 0.02 * width / (high - low))
-    return follow(cycle, search.free.name, (low, high), points=80, towards=goal, step=step, first=True)
+    return follow(cycle, search.free.name, (low, high), points=80, start_towards=goal, step=step, stop_at_bifurcation=True)
 
 
 def _is_on(branch: Branch, value: float, cycle: Cycle) -> bool:

@@ -101,7 +101,7 @@ class SeverityMap(Told, Result):
         Why a run failed: {(branch, i, j): message}.
     runs
         Number of runs.
-    at
+    nominal_point
         Values of both numbers in the loop that was mapped, in SI: the working point, where it lies in the map.
     situation
         The situation that the verdict holds for, in one line.
@@ -137,7 +137,7 @@ class SeverityMap(Told, Result):
     runs: int
     failures: dict[tuple[str, int, int], str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    at: tuple[float, float] = (math.nan, math.nan)
+    nominal_point: tuple[float, float] = (math.nan, math.nan)
     display_units: Mapping[str, str] = field(default_factory=dict)
     situation: str = ""
 
@@ -409,7 +409,7 @@ def severity_map(
         runs=search.runs,
         situation=str(situation_of(loop)),
         notes=tuple(_notes(search, (smooth, inside))),
-        at=(plane.numbers[0].value, plane.numbers[1].value),
+        nominal_point=(plane.numbers[0].value, plane.numbers[1].value),
         display_units={
             number.unit: asked_in(number.in_si(number.name, ends), number.unit)
             for number, ends in reversed([*zip(plane.numbers, ranges.values(), strict=True)])

@@ -13,6 +13,7 @@ from toolbox.arguments import BoolArray, FloatArray
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.orbits.orbit import Cycle
+from toolbox.vocabulary import Renamed
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Bifurcation:
 
 
 @dataclass
-class Branch:
+class Branch(Renamed):
     """Limit cycles along a parameter: `branch.values`, `branch.periods`, `branch.stable`, `branch.bifurcations`, `branch.plot("bit.speed")`.
 
     Attributes
@@ -44,7 +45,7 @@ class Branch:
         One `Cycle` per value.
     bifurcations
         The points at which the kind of the cycle changes.
-    ended
+    stop_reason
         Why the branch ends.
     display_units
         {unit: unit that was typed}: the units in which report and figure answer.
@@ -55,7 +56,7 @@ class Branch:
     values: list[float] = field(default_factory=list)
     cycles: list[Cycle] = field(default_factory=list)
     bifurcations: list[Bifurcation] = field(default_factory=list)
-    ended: str = ""
+    stop_reason: str = ""
     display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -135,7 +136,7 @@ class Branch:
         factor, unit = reading(self.unit, self.display_units)
         lines = [
             f"{len(self.values)} cycles, {self.parameter} from {min(self.values) * factor:.6g} to {max(self.values) * factor:.6g} {unit}: "
-            f"{int(self.stable.sum())} stable, {int((~self.stable).sum())} unstable; {self.ended}"
+            f"{int(self.stable.sum())} stable, {int((~self.stable).sum())} unstable; {self.stop_reason}"
         ]
         return "\n".join(
             [

@@ -49,15 +49,15 @@ def follow(
     *,
     points: int = 100,
     step: float = 0.02,
-    towards: NumberOrText | None = None,
-    first: bool = False,
+    start_towards: NumberOrText | None = None,
+    stop_at_bifurcation: bool = False,
 ) -> Branch:
     """Follow a branch of limit cycles while a parameter changes, by pseudo-arclength continuation.
 
     Use it to find the values of the parameter between which stick-slip exists. Folds, period doublings and grazings
     are located on the way. If the parameter is the frequency of a sine, the period follows it; a frequency that is
     written into a part does not change the period. The branch ends at the first end of `bounds` that it reaches,
-    after `points` cycles, at a Hopf point, or if no further cycle is found. `ended` of the result gives the reason.
+    after `points` cycles, at a Hopf point, or if no further cycle is found. `stop_reason` of the result gives the reason.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ def follow(
         Largest number of cycles.
     step
         Largest step of the arclength, as a fraction of the range and of the size of the states.
-    towards
+    start_towards
         The end of the range to start towards. By default the farther one.
-    first
+    stop_at_bifurcation
         Whether to end at the first bifurcation.
 
     Returns
@@ -92,7 +92,7 @@ def follow(
     >>> from toolbox import compose, follow, limit_cycle
     >>> cycle = limit_cycle(compose(BlockOnBelt()), settle="60 s")
     >>> branch = follow(cycle, "block.belt_speed", (0.1, 0.4), points=20)
-    >>> print(len(branch.cycles) > 2, branch.ended)
+    >>> print(len(branch.cycles) > 2, branch.stop_reason)
     True all 20 points asked for
     """
     if not isinstance(cycle, Cycle):
@@ -105,7 +105,11 @@ def follow(
     if abs(min(max(walk.here.value, bounds[0]), bounds[1]) - walk.here.value) > 1e-14 * abs(walk.here.value):
         raise SceneError(f"Argument `bounds` must hold the value {walk.here.value:g} of `{parameter}`, but it is {bounds!r}.")
     whole("points", points, 1)
-    goal = number("towards", towards, free.unit) if towards is not None else max(bounds, key=lambda end: abs(end - walk.here.value))
+    goal = (
+        number("start_towards", start_towards, free.unit)
+        if start_towards is not None
+        else max(bounds, key=lambda end: abs(end - walk.here.value))
+    )
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
     ended = f"all {points} points asked for"
     branch = Branch(parameter, free.unit, [walk.here.value], [walk.cycle(walk.here)], [], ended, asked)
@@ -122,16 +126,16 @@ def follow(
             if _shrunk(branch, _at_rest(branch, walk.kept)):
                 break
             here = branch.cycles[-1].signature
-            if first:
+            if stop_at_bifurcation:
                 next(walk.look_beyond(left), None)
-            point = walk.around(left) if turned < 2 and not first else None
+            point = walk.around(left) if turned < 2 and not stop_at_bifurcation else None
             touched = walk.touched()
             if point is None and touched is None:
-                branch.ended = "no further cycle is found"
+                branch.stop_reason = "no further cycle is found"
                 break
             branch.bifurcations.append(Bifurcation(walk.corner(), branch.values[-1] if touched is None else touched, branch.cycles[-1]))
             if point is None:
-                branch.ended = "the switches of the cycle touch zero, and none is found beyond"
+                branch.stop_reason = "the switches of the cycle touch zero, and none is found beyond"
                 break
             turned, left = turned + 1, here
             size = min(step / 16, 10 * float(np.linalg.norm(point.u - walk.here.u)))
@@ -140,8 +144,8 @@ def follow(
             if _shrunk(branch, walk.vanishing(point, size)):
                 break
             branch.bifurcations += walk.changes(walk.here, point, size)
-        if not bounds[0] <= point.value <= bounds[1] or (first and branch.bifurcations):
-            branch.ended = _reached(bounds, point.value)
+        if not bounds[0] <= point.value <= bounds[1] or (stop_at_bifurcation and branch.bifurcations):
+            branch.stop_reason = _reached(bounds, point.value)
             break
         walk.move_to(point)
         branch.values.append(point.value)
@@ -162,7 +166,7 @@ def _shrunk(branch: Branch, rest: float | None) -> bool:
     if rest is None:
         return False
     branch.bifurcations.append(Bifurcation("Hopf", _solved(branch, rest), branch.cycles[-1]))
-    branch.ended = "the cycle shrinks to a steady state"
+    branch.stop_reason = "the cycle shrinks to a steady state"
     return True
 
 

@@ -44,19 +44,19 @@ class Cycle(Told):
     run, period
         One period of the motion, and its length [s].
     monodromy
-        Monodromy matrix dx(T)/dx(0) of what returns, shape (n, n), in the order of `returning`: rows of x, then the memory of sampled laws and the held
+        Monodromy matrix dx(T)/dx(0) of what returns, shape (n, n), in the order of `monodromy_indices`: rows of x, then the memory of sampled laws and the held
         signals that they read.
-    returning
+    monodromy_indices
         Indices of what returns, in the order of the rows and columns of `monodromy`.
     multipliers
         Its eigenvalues (Floquet multipliers), the largest first; of a free cycle without the one that is 1, which belongs to the phase.
     forced
         Whether time enters the equations.
-    step
+    newton_step
         The last Newton step, relative.
     iterations
         Number of Newton steps.
-    period_error
+    last_period_change
         The last change of the period [s].
 
     Examples
@@ -72,11 +72,11 @@ class Cycle(Told):
     period: float
     monodromy: np.ndarray
     multipliers: np.ndarray
-    returning: np.ndarray
+    monodromy_indices: np.ndarray
     forced: bool
-    step: float
+    newton_step: float
     iterations: int
-    period_error: float
+    last_period_change: float
 
     @property
     def loop(self) -> ClosedLoop:
@@ -158,7 +158,7 @@ class Cycle(Told):
         kind = "Stable" if self.stable else "Neutral" if largest <= 1.0 + ON_CIRCLE else "Unstable"
         told: list[str | Rows] = [
             f"{kind} cycle of {self.period:.10g} s, {'forced' if self.forced else 'free'}, "
-            f"found in {self.iterations} steps, the last of {self.step:.1e}",
+            f"found in {self.iterations} steps, the last of {self.newton_step:.1e}",
             f"  Floquet multipliers  {shown or 'none'}",
         ]
         for element in self.run.program.system.elements:
@@ -174,7 +174,7 @@ class Cycle(Told):
         system = self.run.program.system
         for name, (row, size, unit) in system.states.items():
             for i in range(count_of(size)):
-                if row + i in self.returning:
+                if row + i in self.monodromy_indices:
                     label = name if size is None else f"{name}.{i}"
                     factor, shown = reading(unit, self.run.display_units)
                     low, high = self.extremes(label)
@@ -399,11 +399,13 @@ class Orbit:
             )
         return self.cycle(run, tangent, float(period), step, iterations, abs(move[count] * guess) if free else 0.0)
 
-    def cycle(self, run: Trajectory, tangent: np.ndarray, period: float, step: float, iterations: int, period_error: float = 0.0) -> Cycle:
+    def cycle(
+        self, run: Trajectory, tangent: np.ndarray, period: float, step: float, iterations: int, last_period_change: float = 0.0
+    ) -> Cycle:
         """The cycle of a run that comes round, with the derivatives of its end, and how its search ended."""
         monodromy = tangent[np.ix_(self.returning, self.returning)]
         multipliers = multipliers_of(monodromy, not self.forced)
-        return Cycle(run, period, monodromy, multipliers, self.returning, self.forced, step, iterations, period_error)
+        return Cycle(run, period, monodromy, multipliers, self.returning, self.forced, step, iterations, last_period_change)
 
 
 def multipliers_of(monodromy: np.ndarray, free: bool) -> np.ndarray:

@@ -42,7 +42,7 @@ SIDE_BY_SIDE = 32
 
 @dataclass(frozen=True)
 class Basin(Told, Result):
-    """How a working point takes disturbances, as `basin` returns it: `print(found)`, `found.share`, `found.bounds`, `found.smallest`, `found.plot()`.
+    """How a working point takes disturbances, as `basin` returns it: `print(found)`, `found.share`, `found.smallest_disturbances`, `found.plot()`.
 
     Attributes
     ----------
@@ -52,20 +52,20 @@ class Basin(Told, Result):
         States that are disturbed.
     ranges
         Lowest and highest value of each, in SI, shape (states, 2).
-    point
+    equilibrium
         The working point, in SI.
-    starts
+    initial_states
         The disturbed states, in SI, shape (runs, states).
     outcomes
         What each run came to: 0 smooth, 1 swing, 2 stick-slip, 3 stuck, -1 not known.
-    smallest
+    smallest_disturbances
         The disturbed states at the border along the line from the working point to the nearest start that tips it, nearest in parts of the box; nan where none
         tips it.
     duration, accuracy
         Length [s] and accuracy of a run.
     confidence
         Of the bounds.
-    judged
+    judged_runs
         Number of runs that the judge of all verdicts carried on.
     situation
         The situation that the verdict holds for, in one line.
@@ -77,14 +77,14 @@ class Basin(Told, Result):
     names: tuple[str, ...]
     units: tuple[str, ...]
     ranges: np.ndarray
-    point: np.ndarray
-    starts: np.ndarray
+    equilibrium: np.ndarray
+    initial_states: np.ndarray
     outcomes: np.ndarray
-    smallest: np.ndarray
+    smallest_disturbances: np.ndarray
     duration: float
     accuracy: float
     confidence: float
-    judged: int
+    judged_runs: int
     display_units: Mapping[str, str] = field(default_factory=dict)
     situation: str = ""
 
@@ -111,7 +111,7 @@ class Basin(Told, Result):
         rows: list[tuple[str, ...]] = [("state", "unit", "working point", "ranges", "smallest that tips it")]
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             factor, shown = reading(unit, self.display_units)[:2]
-            at, begin, end, tip = (float(each) * factor for each in (self.point[k], *self.ranges[k], self.smallest[k]))
+            at, begin, end, tip = (float(each) * factor for each in (self.equilibrium[k], *self.ranges[k], self.smallest_disturbances[k]))
             rows.append((name, shown, f"{at:.5g}", f"{begin:.5g} .. {end:.5g}", "none" if math.isnan(tip) else f"{tip:.5g}"))
         return [*lines, Rows(rows, left=(0, 1))]
 
@@ -120,14 +120,14 @@ class Basin(Told, Result):
     def _table(self) -> HeadedRows:
         """One row per disturbance, and what it came to."""
         headings = [heading(name, unit) for name, unit in zip(self.names, self.units, strict=True)]
-        rows = [[*row, int(outcome)] for row, outcome in zip(self.starts.tolist(), self.outcomes, strict=True)]
+        rows = [[*row, int(outcome)] for row, outcome in zip(self.initial_states.tolist(), self.outcomes, strict=True)]
         return [*headings, "outcome"], rows
 
     plot = picture("basin_diagram", "Draw the disturbances over the first two states, or over the one with what they came to")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""
-        if self.starts.shape != (self.outcomes.size, len(self.names)) or self.ranges.shape != (len(self.names), 2):
+        if self.initial_states.shape != (self.outcomes.size, len(self.names)) or self.ranges.shape != (len(self.names), 2):
             raise ValueError("its arrays do not fit together")
 
 
@@ -201,9 +201,9 @@ def basin(
     with progress_bar(runs, "basin") as bar:
         came, _ = search.found(bar)
     return Basin(
-        title=loop.title, names=names, units=tuple(each.unit for each in states), ranges=np.array(ends), point=point, starts=design.points, outcomes=came,
-        smallest=_smallest(search, point, np.array(ends), design.points, came), duration=search.duration, accuracy=accuracy, confidence=confidence,
-        judged=search.judged, display_units=asked_units(ends),
+        title=loop.title, names=names, units=tuple(each.unit for each in states), ranges=np.array(ends), equilibrium=point, initial_states=design.points,
+        outcomes=came, smallest_disturbances=_smallest(search, point, np.array(ends), design.points, came), duration=search.duration, accuracy=accuracy,
+        confidence=confidence, judged_runs=search.judged, display_units=asked_units(ends),
         situation=str(Situation.of(loop, "smooth running disturbed within the box", f"{search.duration:.4g} s, carried on until the regime is decided")),
     )  # fmt: skip
 

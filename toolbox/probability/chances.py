@@ -175,7 +175,7 @@ def chance(
     return Chance(
         title=first.title, labels=tuple(loops), names=points.names, units=tuple(each.unit for each in names), axes=points.axes,
         uncertainty=known_as(uncertainty, known.names, draws),
-        outcomes=outcomes, severities=severities, duration=longest, accuracy=accuracy, confidence=confidence, judged=judged,
+        outcomes=outcomes, severities=severities, duration=longest, accuracy=accuracy, confidence=confidence, judged_runs=judged,
         display_units=asked_units(typed), situation=str(situation),
     )  # fmt: skip
 

@@ -25,7 +25,7 @@ from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.numbers import Number
 from toolbox.sweeps.designs import Variations
-from toolbox.vocabulary import new_names_only
+from toolbox.vocabulary import Renamed, new_names_only
 
 LEAST_INSIDE = 0.5
 """Part of a distribution that must lie within the bounds of its number."""
@@ -127,23 +127,23 @@ class LogNormal(Distribution):
 
 
 @dataclass(frozen=True)
-class Draws:
+class Draws(Renamed):
     """Draws of the joint distribution of several numbers, such as the draws of a posterior.
 
     Parameters
     ----------
     values
         {name: draws in SI}, rows of equal length; the same place in each row is one draw.
-    others
+    independent
         {name: distribution} of further numbers, which are known independently of these.
     """
 
     values: Mapping[str, Sequence[float]]
-    others: Mapping[str, Any] = field(default_factory=dict)
+    independent: Mapping[str, Any] = field(default_factory=dict)
 
     def also(self, others: Mapping[str, Any]) -> Draws:
         """Return these draws with further independent numbers {name: distribution}."""
-        return Draws(self.values, {**self.others, **others})
+        return Draws(self.values, {**self.independent, **others})
 
 
 def distribution(name: str, given: Any) -> Distribution:
@@ -216,11 +216,11 @@ def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: 
     whole("seed", seed, 0)
     if isinstance(uncertainty, Draws):
         made = _resampled(loop, uncertainty, runs, seed)
-        if not uncertainty.others:
+        if not uncertainty.independent:
             return made
-        more = drawn(loop, uncertainty.others, runs, seed)
+        more = drawn(loop, uncertainty.independent, runs, seed)
         if twice := [name for name in more.names if name in made.names]:
-            raise SceneError(f"Argument `others` of `Draws` must name other numbers than the draws, but it has `{twice[0]}`.")
+            raise SceneError(f"Argument `independent` of `Draws` must name other numbers than the draws, but it has `{twice[0]}`.")
         return Variations((*made.names, *more.names), np.hstack([made.points, more.points]), (runs,), display_units=more.display_units)
     if not isinstance(uncertainty, Mapping) or not uncertainty:
         raise SceneError(f"Argument `uncertainty` must map at least one name to a distribution, but it is {short(uncertainty)}.")
@@ -276,7 +276,7 @@ def told(name: str, given: Any, unit: str = "1") -> str:
 
 def known_as(uncertain: Mapping[str, Any] | Draws, names: Sequence[str], draws: int) -> dict[str, str]:
     """{name: what is known of it, in words} of what `drawn` takes."""
-    apart = uncertain.others if isinstance(uncertain, Draws) else uncertain
+    apart = uncertain.independent if isinstance(uncertain, Draws) else uncertain
     told_of = {name: told(name, each) for name, each in apart.items()}
     joint = names[: len(uncertain.values)] if isinstance(uncertain, Draws) else ()
     return dict.fromkeys(joint, f"{draws} draws") | told_of

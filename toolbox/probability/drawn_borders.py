@@ -58,13 +58,13 @@ class UncertainOnset(Told, Result):
         {name: what is known of it, in words}.
     names, points
         What was drawn, in SI, shape (draws, names).
-    borders
+    onset_values
         {label: from which value on each draw is free, shape (draws,)}: minus infinity where it is free in the whole range, infinity where not at its end.
-    smooth
+    smooth_running_limits
         {label: the highest value at which each draw loses smooth running}, nan where it does not within the range, or where no slope is known.
     tolerance
         Width to which the borders were halved.
-    unknown
+    undecided_runs
         {label: number of runs of which nobody knows}; they count as stick-slip.
     duration, accuracy
         Length [s] and accuracy of a run.
@@ -81,10 +81,10 @@ class UncertainOnset(Told, Result):
     uncertainty: dict[str, str]
     names: tuple[str, ...]
     points: np.ndarray
-    borders: dict[str, np.ndarray]
-    smooth: dict[str, np.ndarray]
+    onset_values: dict[str, np.ndarray]
+    smooth_running_limits: dict[str, np.ndarray]
     tolerance: float
-    unknown: dict[str, int]
+    undecided_runs: dict[str, int]
     duration: float
     accuracy: float
     confidence: float
@@ -115,13 +115,13 @@ class UncertainOnset(Told, Result):
             raise SceneError(f"Argument `free` must be within what {draws} draws can show, but {free:g} takes at least {least} draws.")
         _, upper = clopper_pearson(np.arange(draws + 1), np.arange(draws + 1), draws, self.confidence)
         most = int(np.flatnonzero(upper <= 1.0 - free)[-1])  # machines that may be in stick-slip
-        return {label: float(max(np.sort(values)[draws - 1 - most], self.bounds[0])) for label, values in self.borders.items()}
+        return {label: float(max(np.sort(values)[draws - 1 - most], self.bounds[0])) for label, values in self.onset_values.items()}
 
     def moved_by(self, label: str) -> dict[str, float]:
         """Return {drawn number: its rank correlation with the border of a controller}, the strongest first; nan if the border does not vary."""
         from scipy.stats import spearmanr
 
-        borders, found = self.borders[label], {}
+        borders, found = self.onset_values[label], {}
         for name, column in zip(self.names, self.points.T, strict=True):
             vary = np.unique(borders).size > 1 and np.unique(column).size > 1
             found[name] = float(spearmanr(column, borders).statistic) if vary else math.nan
@@ -136,13 +136,13 @@ class UncertainOnset(Told, Result):
             *(f"  {name} known as {words}" for name, words in self.uncertainty.items()),
         ]
         shows = len(self.points) >= least_draws(0.95, self.confidence)
-        lowest = self.lowest() if shows else dict.fromkeys(self.borders, math.nan)
+        lowest = self.lowest() if shows else dict.fromkeys(self.onset_values, math.nan)
         rows: list[tuple[str, ...]] = [
             ("controller", f"free with 95 % from [{read.unit}]", "median", "5 % .. 95 %", "smooth running lost", "moves with")
         ]
-        for label, borders in self.borders.items():
+        for label, borders in self.onset_values.items():
             ends = np.quantile(borders, (0.05, 0.95), method="inverted_cdf") * read.factor
-            smooth = self.smooth[label][np.isfinite(self.smooth[label])] * read.factor
+            smooth = self.smooth_running_limits[label][np.isfinite(self.smooth_running_limits[label])] * read.factor
             lost = f"{np.quantile(smooth, 0.05):.4g} .. {np.quantile(smooth, 0.95):.4g}" if smooth.size > len(borders) / 2 else "-"
             moved = ", ".join(f"{name} {each:+.2f}" for name, each in list(self.moved_by(label).items())[:2] if math.isfinite(each)) or "-"
             first = "-" if not shows else self._border(lowest[label] * read.factor)
@@ -151,7 +151,9 @@ class UncertainOnset(Told, Result):
         lines.append(Rows(rows, left=(0, 5)))
         if not shows:
             lines.append(f"  no set-point can be shown to be free with 95 % by fewer than {least_draws(0.95, self.confidence)} draws")
-        lines += [f"  {label}: {count} runs of which nobody knows count as stick-slip" for label, count in self.unknown.items() if count]
+        lines += [
+            f"  {label}: {count} runs of which nobody knows count as stick-slip" for label, count in self.undecided_runs.items() if count
+        ]
         return lines
 
     __repr__ = Told.__str__
@@ -164,16 +166,16 @@ class UncertainOnset(Told, Result):
         """One row per draw."""
         headings = [*self.names]
         values = [*self.points.T]
-        for label, borders in self.borders.items():
+        for label, borders in self.onset_values.items():
             headings += [heading(f"{label} free from", self.unit), heading(f"{label} smooth running lost", self.unit)]
-            values += [borders, self.smooth[label]]
+            values += [borders, self.smooth_running_limits[label]]
         return headings, np.stack(values, axis=1).tolist()
 
     plot = picture("onset_diagram", "Draw the chance of being free over the set-point for each law, with its bounds")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""
-        rows = [*self.borders.values(), *self.smooth.values()]
+        rows = [*self.onset_values.values(), *self.smooth_running_limits.values()]
         if self.points.shape[1:] != (len(self.names),) or any(each.shape != (len(self.points),) for each in rows):
             raise ValueError("its arrays do not fit together")
 
@@ -267,8 +269,8 @@ def uncertain_onset(
             smooth[label] = _smooth(loops[label], varied.name, (low, high), known.names, known.points, bar)
     return UncertainOnset(
         title=first.title, name=varied.name, unit=varied.unit, bounds=(low, high), uncertainty=known_as(uncertainty, known.names, draws),
-        names=known.names, points=known.points, borders=borders, smooth=smooth, tolerance=width, unknown=unknown, duration=longest, accuracy=accuracy,
-        confidence=confidence, display_units=asked_units((low, high)),
+        names=known.names, points=known.points, onset_values=borders, smooth_running_limits=smooth, tolerance=width, undecided_runs=unknown,
+        duration=longest, accuracy=accuracy, confidence=confidence, display_units=asked_units((low, high)),
     )  # fmt: skip
 
 

@@ -36,36 +36,36 @@ class ModelComparison(Told, Result):
     ----------
     posteriors
         {label: what is known of the numbers of the model}, each with its evidence.
-    scores
+    log_scores
         {label: logarithm of the density that the posterior gives to each window that was left out, shape (windows,)}.
     left_out
         Names of these windows.
     """
 
     posteriors: dict[str, Posterior]
-    scores: dict[str, np.ndarray]
+    log_scores: dict[str, np.ndarray]
     left_out: tuple[str, ...]
 
     @property
     def probabilities(self) -> dict[str, float]:
         """{label: probability of the model, with equal probabilities before the measurement}."""
-        logs = np.array([each.evidence for each in self.posteriors.values()])
+        logs = np.array([each.log_evidence for each in self.posteriors.values()])
         weights = np.exp(logs - logs.max())
         return dict(zip(self.posteriors, (weights / weights.sum()).tolist(), strict=True))
 
     def behind(self, label: str) -> tuple[float, float]:
         """By how much a model predicts the windows that were left out worse than the best one, and the standard error of that; (0, 0) for the best."""
-        best = max(self.scores, key=lambda each: float(self.scores[each].sum()))
-        apart = self.scores[best] - self.scores[label]
+        best = max(self.log_scores, key=lambda each: float(self.log_scores[each].sum()))
+        apart = self.log_scores[best] - self.log_scores[label]
         error = math.sqrt(apart.size) * float(apart.std(ddof=1)) if apart.size > 1 else math.nan
         return float(apart.sum()), 0.0 if label == best else error
 
     def _told(self) -> list[str | Rows]:
         rows: list[tuple[str, ...]] = [("model", "unknowns", "log evidence", "probability", "left out: score", "behind the best", "runs")]
         for label, found in self.posteriors.items():
-            score, (behind, error) = self.scores[label], self.behind(label)
+            score, (behind, error) = self.log_scores[label], self.behind(label)
             told = (f"{score.sum():.2f}", f"{behind:.2f} +- {error:.2f}") if score.size else ("-", "-")
-            evidence = f"{found.evidence:.2f} +- {found.error:.2f}"
+            evidence = f"{found.log_evidence:.2f} +- {found.log_evidence_error:.2f}"
             rows.append((label, str(len(found.names)), evidence, f"{self.probabilities[label]:.3g}", *told, str(found.runs)))
         return [f"{len(self.posteriors)} models of one measurement, {len(self.left_out)} windows left out", Rows(rows)]
 
@@ -76,7 +76,14 @@ class ModelComparison(Told, Result):
         rows = []
         for label, found in self.posteriors.items():
             rows.append(
-                [label, found.evidence, found.error, self.probabilities[label], float(self.scores[label].sum()), *self.behind(label)]
+                [
+                    label,
+                    found.log_evidence,
+                    found.log_evidence_error,
+                    self.probabilities[label],
+                    float(self.log_scores[label].sum()),
+                    *self.behind(label),
+                ]
             )
         return ["model", "log evidence", "error", "probability", "score left out", "behind", "error of that"], rows
 
@@ -86,7 +93,7 @@ class ModelComparison(Told, Result):
         """Raise ValueError if the loaded arrays do not fit together."""
         for each in self.posteriors.values():
             each.check_loaded()
-        if {*self.scores} != {*self.posteriors} or any(each.shape != (len(self.left_out),) for each in self.scores.values()):
+        if {*self.log_scores} != {*self.posteriors} or any(each.shape != (len(self.left_out),) for each in self.log_scores.values()):
             raise ValueError("its scores do not fit to its models")
 
 
@@ -180,6 +187,6 @@ def _scores(loop: ClosedLoop, known: Posterior, left_out: Measured, accuracy: fl
     """Logarithm of the mean density of each datum that was left out over the draws of a posterior; -inf where no draw gives it."""
     from scipy.special import logsumexp
 
-    logs = left_out.log_likelihoods(loop, known.names, known.points, accuracy)
+    logs = left_out.log_likelihoods(loop, known.names, known.samples, accuracy)
     found: FloatArray = logsumexp(logs, axis=0) - math.log(len(logs))
     return found

@@ -55,17 +55,17 @@ class Posterior(Told, Result):
         Of the machine.
     names, units
         The unknowns.
-    points
+    samples
         Draws in SI, shape (draws, unknowns).
     likelihoods
         Logarithms of their likelihoods.
-    evidence, error
+    log_evidence, log_evidence_error
         Logarithm of the mean likelihood under the prior, and its standard error.
     data
         {measure: what was measured, in words}.
     priors
         {unknown: what was known before, in words}.
-    runs, stages
+    runs, tempering_stages
         Number of runs and of tempered likelihoods.
     display_units
         {unit: unit that was typed}.
@@ -74,21 +74,21 @@ class Posterior(Told, Result):
     title: str
     names: tuple[str, ...]
     units: tuple[str, ...]
-    points: np.ndarray
+    samples: np.ndarray
     likelihoods: np.ndarray
-    evidence: float
-    error: float
+    log_evidence: float
+    log_evidence_error: float
     data: dict[str, str]
     priors: dict[str, str]
     runs: int
-    stages: int
+    tempering_stages: int
     display_units: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> FloatArray:
         """The draws of an unknown in SI."""
         if name not in self.names:
             raise SceneError(f"There is no unknown `{name}`: it is one of {', '.join(self.names)}.")
-        draws: FloatArray = self.points[:, self.names.index(name)]
+        draws: FloatArray = self.samples[:, self.names.index(name)]
         return draws
 
     @property
@@ -97,7 +97,9 @@ class Posterior(Told, Result):
         return Draws({name: self[name].tolist() for name in self.names})
 
     def _told(self) -> list[str | Rows]:
-        lines: list[str | Rows] = [f"Posterior of {self.title}: {len(self.points)} draws by {self.runs} runs in {self.stages} stages"]
+        lines: list[str | Rows] = [
+            f"Posterior of {self.title}: {len(self.samples)} draws by {self.runs} runs in {self.tempering_stages} stages"
+        ]
         told = [f"  measured {name}: {words}" for name, words in self.data.items()]
         lines += told if len(told) <= SHOWN else [*told[: SHOWN - 2], f"  ... {len(told) - SHOWN + 1} more", told[-1]]
         rows: list[tuple[str, ...]] = [("unknown", "unit", "mean", "deviation", "5 %", "95 %", "before")]
@@ -106,26 +108,26 @@ class Posterior(Told, Result):
             values = self[name] * factor
             told_values = (f"{each:.5g}" for each in (values.mean(), values.std(), *np.quantile(values, (0.05, 0.95))))
             rows.append((name, shown, *told_values, self.priors[name]))
-        return [*lines, Rows(rows, left=(0, 1, 6)), f"  evidence: exp({self.evidence:.2f} +- {self.error:.2f})"]
+        return [*lines, Rows(rows, left=(0, 1, 6)), f"  evidence: exp({self.log_evidence:.2f} +- {self.log_evidence_error:.2f})"]
 
     __repr__ = Told.__str__
 
     def _table(self) -> HeadedRows:
         """One row per draw."""
         headings = [heading(name, unit) for name, unit in zip(self.names, self.units, strict=True)]
-        return headings, self.points.tolist()
+        return headings, self.samples.tolist()
 
     def to_xarray(self) -> Any:
         """An xarray Dataset with the dimensions chain and draw, as arviz reads it; needs the extra `batch`."""
         xarray = optional("xarray", "`to_xarray`", "batch")
         data = {name: (("chain", "draw"), self[name][None, :], {"units": unit}) for name, unit in zip(self.names, self.units, strict=True)}
-        return xarray.Dataset(data, attrs={"title": self.title, "evidence": self.evidence, "evidence_error": self.error})
+        return xarray.Dataset(data, attrs={"title": self.title, "evidence": self.log_evidence, "evidence_error": self.log_evidence_error})
 
     plot = picture("corner_diagram", "Draw the unknowns one by one and in pairs")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""
-        if self.points.shape != (len(self.likelihoods), len(self.names)) or {*self.priors} != {*self.names}:
+        if self.samples.shape != (len(self.likelihoods), len(self.names)) or {*self.priors} != {*self.names}:
             raise ValueError("its draws do not fit to its unknowns")
 
 
@@ -191,7 +193,7 @@ def posterior(
     >>> from toolbox.probability import Uniform, posterior
     >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), inputs={"top.torque": "12 kN m"})
     >>> found = posterior(loop, {"severity": "1.1 +- 0.1"}, {"bit.friction.static": Uniform(0.6, 1.0)}, "60 s", draws=32)
-    >>> print(found.names, found.points.shape)
+    >>> print(found.names, found.samples.shape)
     ('bit.friction.static',) (32, 1)
     """
     for word, given in (("data", data), ("priors", priors)):
@@ -229,11 +231,11 @@ def posterior(
     with progress_bar(1.0, "posterior", unit="likelihood") as bar:
         sampled = tempered(likelihood, len(names), draws, np.random.default_rng(seed), lambda exponent: bar.update(exponent - bar.n))
     return Posterior(
-        title=loop.title, names=names, units=tuple(each.unit for each in unknowns), points=numbers_at(sampled.points),
-        likelihoods=sampled.likelihoods, evidence=sampled.evidence, error=sampled.error,
-        data={name: told(name, data[name], measured.units[name]) for name in data},
+        title=loop.title, names=names, units=tuple(each.unit for each in unknowns), samples=numbers_at(sampled.points), likelihoods=sampled.likelihoods,
+        log_evidence=sampled.evidence, log_evidence_error=sampled.error, data={name: told(name, data[name], measured.units[name]) for name in data},
         priors={each.name: told(each.name, given) for each, given in zip(unknowns, priors.values(), strict=True)}, runs=sampled.runs,
-        stages=sampled.stages, display_units={each.unit: unit for each, k in zip(unknowns, known, strict=True) if (unit := k.display_units(each.unit))},
+        tempering_stages=sampled.stages, display_units={each.unit: unit for each, k in zip(unknowns, known, strict=True)
+        if (unit := k.display_units(each.unit))},
     )  # fmt: skip
 
 

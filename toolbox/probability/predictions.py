@@ -49,7 +49,7 @@ class Prediction(Told, Result):
         {signal: lower end, middle and upper end of the band in SI, shape (nt,)}.
     units
         {signal: unit}.
-    measured
+    measured_values
         {signal: what was measured at these times, nan where nothing was}; empty without a recording.
     draws
         Number of runs.
@@ -65,7 +65,7 @@ class Prediction(Told, Result):
     median: dict[str, np.ndarray]
     high: dict[str, np.ndarray]
     units: dict[str, str]
-    measured: dict[str, np.ndarray]
+    measured_values: dict[str, np.ndarray]
     draws: int
     confidence: float
     display_units: Mapping[str, str] = field(default_factory=dict)
@@ -75,7 +75,7 @@ class Prediction(Told, Result):
         """{signal: part of the measured samples within the band}; nan where none was measured."""
         found = {}
         for name, low in self.low.items():
-            values = self.measured.get(name, np.empty(0))
+            values = self.measured_values.get(name, np.empty(0))
             known = np.isfinite(values)
             inside = (values >= low) & (values <= self.high[name]) if known.size else known
             found[name] = float(inside[known].mean()) if known.any() else math.nan
@@ -87,7 +87,7 @@ class Prediction(Told, Result):
         for name, unit in self.units.items():
             factor, shown = reading(unit, self.display_units)[:2]
             low, high, cover = self.low[name] * factor, self.high[name] * factor, self.coverage[name]
-            count = int(np.isfinite(self.measured.get(name, np.empty(0))).sum())
+            count = int(np.isfinite(self.measured_values.get(name, np.empty(0))).sum())
             told = (f"{each:.4g}" for each in (low.min(), high.max(), (high - low).mean()))
             rows.append((name, shown, *told, str(count) if count else "-", f"{cover:.3f}" if count else "-"))
         return [title, Rows(rows, left=(0, 1))]
@@ -100,16 +100,16 @@ class Prediction(Told, Result):
         for name, unit in self.units.items():
             headings += [heading(f"{name} {word}", unit) for word in ("low", "median", "high")]
             values += [self.low[name], self.median[name], self.high[name]]
-            if name in self.measured:
+            if name in self.measured_values:
                 headings.append(heading(f"{name} measured", unit))
-                values.append(self.measured[name])
+                values.append(self.measured_values[name])
         return headings, np.stack(values, axis=1).tolist()
 
     plot = picture("prediction_diagram", "Draw the bands with what was measured, one panel per signal")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""
-        rows = [*self.low.values(), *self.median.values(), *self.high.values(), *self.measured.values()]
+        rows = [*self.low.values(), *self.median.values(), *self.high.values(), *self.measured_values.values()]
         if {*self.low} != {*self.units} or {*self.high} != {*self.units} or any(each.shape != self.time.shape for each in rows):
             raise ValueError("its rows do not fit together")
 
@@ -213,6 +213,6 @@ def predict(
         bands[name] = np.quantile(values, (tail, 0.5, 1.0 - tail), axis=0)
     low, median, high = ({name: band[k] for name, band in bands.items()} for k in range(3))
     return Prediction(
-        title=loop.title, time=times, low=low, median=median, high=high, units={name: loop.system.unit(name) for name in bands}, measured=measured,
+        title=loop.title, time=times, low=low, median=median, high=high, units={name: loop.system.unit(name) for name in bands}, measured_values=measured,
         draws=done, confidence=confidence, display_units=dict(loop.display_units),
     )  # fmt: skip

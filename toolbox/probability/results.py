@@ -41,7 +41,7 @@ class Chance(Told, Result):
         Length [s] and accuracy of a run.
     confidence
         Of the bounds.
-    judged
+    judged_runs
         {label: number of runs that their lanes did not decide, so that the judge of all verdicts carried them on}.
     display_units
         {unit: unit that was typed}.
@@ -60,7 +60,7 @@ class Chance(Told, Result):
     duration: float
     accuracy: float
     confidence: float
-    judged: dict[str, int]
+    judged_runs: dict[str, int]
     display_units: Mapping[str, str] = field(default_factory=dict)
     situation: str = ""
 

@@ -71,7 +71,7 @@ def absorber_limit(
     loop: ClosedLoop,
     bounds: tuple[NumberOrText, NumberOrText],
     *,
-    own_inertia: bool = False,
+    keep_inertia: bool = False,
 ) -> Absorber:
     """Find the lowest speed of the drive at which a spring, a damper and an inertia there can keep smooth
     running stable, if they are tuned best.
@@ -85,7 +85,7 @@ def absorber_limit(
     bounds
         Range (low, high) of the set-point, in SI or text such as ("10 rpm", "120 rpm"). Stability is taken to be lost
         once on the way down.
-    own_inertia
+    keep_inertia
         Whether the inertia of the drive stays as it is, and only spring and damper are tuned.
 
     Returns
@@ -117,7 +117,7 @@ def absorber_limit(
     def smooth(speed: float) -> bool:
         point = running(loop, {signal: speed}, effort)
         linear = linearise(point.plant, point, inputs=effort, outputs=signal)
-        growth, numbers = tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia)
+        growth, numbers = tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], keep_inertia)
         for each, asked in point.display_units.items():
             units.setdefault(each, asked)
         if growth < 0.0:
@@ -131,7 +131,7 @@ def absorber_limit(
     return Absorber(signal, unit, speed, damping, stiffness, inertia, units)
 
 
-def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, own_inertia: bool) -> tuple[float, np.ndarray]:
+def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, keep_inertia: bool) -> tuple[float, np.ndarray]:
     """(growth [1/s], (c, k_f, inertia)) of an absorber that is stable, else of the one that is nearest to being so."""
     from scipy.optimize import differential_evolution
 
@@ -144,7 +144,7 @@ def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, own_inertia: bool) -> tup
     n = A.shape[0]
 
     def absorber(logs: np.ndarray) -> np.ndarray:
-        inertia = own if own_inertia else own * math.exp(logs[2])
+        inertia = own if keep_inertia else own * math.exp(logs[2])
         return np.array([own * pace * math.exp(logs[0]), own * pace**2 * math.exp(logs[1]), inertia])
 
     def growth(logs: np.ndarray) -> float:
@@ -157,7 +157,7 @@ def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, own_inertia: bool) -> tup
         whole[:n] += np.outer(B, row)
         return float(np.linalg.eigvals(whole).real.max())
 
-    bounds = [(-7.0, 4.0), (-12.0, 4.0), (-7.0, 3.0)][: 2 if own_inertia else 3]
+    bounds = [(-7.0, 4.0), (-12.0, 4.0), (-7.0, 3.0)][: 2 if keep_inertia else 3]
     found = differential_evolution(
         growth,
         bounds,

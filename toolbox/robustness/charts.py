@@ -29,11 +29,11 @@ class StabilityChart(Result):
         The two numbers, across and up.
     axes
         Their values, in SI.
-    growth
+    growth_rate
         Largest real part of the poles [1/s] at every point, shape (across, up); nan where there is no steady running or no linear loop.
     disk_margin
         Disk margin of all commands together [1]; 0 where the loop is unstable.
-    at
+    nominal_point
         The two numbers as they are declared.
     display_units
         {unit: unit that was typed}.
@@ -42,9 +42,9 @@ class StabilityChart(Result):
     names: tuple[str, str]
     units: tuple[str, str]
     axes: tuple[FloatArray, FloatArray]
-    growth: FloatArray
+    growth_rate: FloatArray
     disk_margin: FloatArray
-    at: tuple[float, float]
+    nominal_point: tuple[float, float]
     display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -54,10 +54,10 @@ class StabilityChart(Result):
         return float(self.axes[0][i]), float(self.axes[1][j])
 
     def __str__(self) -> str:
-        known = np.isfinite(self.growth)
+        known = np.isfinite(self.growth_rate)
         best = ", ".join(f"{name} = {value:.4g} {unit}" for name, value, unit in zip(self.names, self.best, self.units, strict=True))
         return (
-            f"Stability over {self.names[0]} and {self.names[1]}: stable at {int((self.growth[known] < 0).sum())} of {self.growth.size} points"
+            f"Stability over {self.names[0]} and {self.names[1]}: stable at {int((self.growth_rate[known] < 0).sum())} of {self.growth_rate.size} points"
             f"{'' if known.all() else f', not known at {int((~known).sum())}'}; largest disk margin {np.nanmax(self.disk_margin):.3g} at {best}"
         )
 
@@ -65,7 +65,9 @@ class StabilityChart(Result):
 
     def _table(self) -> HeadedRows:
         """One row per point."""
-        rows = [[u, v, self.growth[i, j], self.disk_margin[i, j]] for i, u in enumerate(self.axes[0]) for j, v in enumerate(self.axes[1])]
+        rows = [
+            [u, v, self.growth_rate[i, j], self.disk_margin[i, j]] for i, u in enumerate(self.axes[0]) for j, v in enumerate(self.axes[1])
+        ]
         return [*self.names, "growth", "disk_margin"], rows
 
     def plot(self, ax: Any = None) -> Any:
@@ -133,10 +135,10 @@ def stability_chart(
         for j, up in enumerate(rows[1]):
             with contextlib.suppress(NoSteadyState, SimulationError):
                 found = margins(loop.at(known[0].name, float(across)).at(known[1].name, float(up)), measured=False)
-                if found.loop is None:
+                if found.linear_loop is None:
                     reason = found.reason
                     continue
-                growth[i, j], disk[i, j] = found.loop.growth(), found.disk_margin if found.stable else 0.0
+                growth[i, j], disk[i, j] = found.linear_loop.growth(), found.disk_margin if found.stable else 0.0
     if np.isnan(growth).all():
         raise SceneError(f"No point has a linear loop{f': {reason}' if reason else ''}.")
     names, units = (known[0].name, known[1].name), (known[0].unit, known[1].unit)

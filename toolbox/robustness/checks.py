@@ -202,8 +202,10 @@ class Checks:
         if disk_margin is None and peak_sensitivity is None and gain is None and delay is None:
             raise SceneError("Something must be asked of the loop: `disk_margin`, `peak_sensitivity`, `gain` or `delay`.")
         found = margins(loop, **arguments)
-        rows: Sequence[Any] = found.loops if found.loop is not None or found.measured is None else [found.measured]
-        borne = found.delay_margin if found.loop is not None or found.measured is None else found.measured.delay
+        rows: Sequence[Any] = (
+            found.loop_margins if found.linear_loop is not None or found.simulated_margins is None else [found.simulated_margins]
+        )
+        borne = found.delay_margin if found.linear_loop is not None or found.simulated_margins is None else found.simulated_margins.delay
         low, high = max(row.lowest_gain for row in rows), min(row.highest_gain for row in rows)
         wrong = []
         if disk_margin is not None and not found.disk_margin >= disk_margin:

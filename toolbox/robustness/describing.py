@@ -113,16 +113,16 @@ class DescribingFunction(Result):
         The contact.
     units
         Units of its slip and of its force, in SI.
-    slip
+    steady_slip
         Slip of steady running, in its unit.
-    omega, response
+    omega, linear_response
         Frequencies [rad/s], and G(i w) at them: slip over force, complex.
     amplitude, gain
         Amplitudes of the slip, and N at them: force over slip. They follow the mean slip, which under a constant torque may have several values at one
         amplitude: the branch from steady running comes first, and nan parts it from others.
     cycles
         The cycles that are predicted, by frequency and amplitude.
-    exact
+    given_cycle
         (period [s], lowest slip, highest slip) of the cycle that was given; empty without one.
     display_units
         {unit: unit that was typed}: the units in which `print` answers.
@@ -131,13 +131,13 @@ class DescribingFunction(Result):
     title: str
     contact: str
     units: tuple[str, str]
-    slip: float
+    steady_slip: float
     omega: FloatArray
-    response: np.ndarray
+    linear_response: np.ndarray
     amplitude: FloatArray
     gain: FloatArray
     cycles: tuple[PredictedCycle, ...]
-    exact: tuple[float, ...]
+    given_cycle: tuple[float, ...]
     display_units: Mapping[str, str]
 
     @property
@@ -150,17 +150,17 @@ class DescribingFunction(Result):
         for each in self.cycles:
             low, high = sorted((each.mean - each.amplitude, each.mean + each.amplitude))
             lines.append(("predicted", f"{each.period:.4g}", f"{low * read.factor:.4g}", f"{high * read.factor:.4g}", each.words))
-        if self.exact:
-            period, low, high = self.exact
+        if self.given_cycle:
+            period, low, high = self.given_cycle
             lines.append(("exact", f"{period:.4g}", f"{low * read.factor:.4g}", f"{high * read.factor:.4g}", ""))
         return lines
 
     def __str__(self) -> str:
         read = reading(self.units[0], self.display_units)
-        head = f"Describing function of `{self.contact}`, {self.title}, around {self.slip * read.factor:.4g}{read.tail}"
+        head = f"Describing function of `{self.contact}`, {self.title}, around {self.steady_slip * read.factor:.4g}{read.tail}"
         if not self.cycles:
             head += ": no cycle is predicted"
-        return "\n".join([head, *(columns(self.rows, (0, 4)) if self.cycles or self.exact else [])])
+        return "\n".join([head, *(columns(self.rows, (0, 4)) if self.cycles or self.given_cycle else [])])
 
     def _table(self) -> HeadedRows:
         """One row per amplitude: the describing function."""
@@ -265,13 +265,13 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
         title=all_described(loop.controllers),
         contact=contact,
         units=(element.slip_unit, element.force_unit),
-        slip=slip,
+        steady_slip=slip,
         omega=omega,
-        response=response,
+        linear_response=response,
         amplitude=amplitude,
         gain=gain,
         cycles=tuple(sorted(found, key=lambda each: (each.frequency, each.amplitude))),
-        exact=exact,
+        given_cycle=exact,
         display_units=loop.display_units,
     )
 

@@ -99,9 +99,9 @@ class SmallestError(Told, Result):
     ----------
     title
         The laws and how they run.
-    way
+    run_conditions
         From where the runs begin, which contact is judged, and when.
-    numbers
+    parameters
         What may be wrong, and within which range.
     size
         Size of the smallest error that was found to break the machine, in parts of the ranges [1]; infinite where none within them does.
@@ -109,50 +109,50 @@ class SmallestError(Told, Result):
         This error, in parts of the range of each number; empty where there is none.
     why
         What the machine does with it: the outcome of a run on its own, outside of the lanes, by the judge.
-    held
+    largest_tolerated
         Largest size at which every error that was tried was a success [1].
     runs
         Runs that the search took.
     linear_size, linear_error
         The same for smooth running that grows, by the exact rate; nan and empty where there is no rate.
-    guaranteed
+    guaranteed_size
         Size below which no error makes smooth running grow, to first order [1]; nan where there is no linear loop.
     display_units
         {unit: unit that was typed}: the units in which `print` answers.
-    unknown
-        Why `guaranteed` is nan; empty where it is a number.
+    undetermined_reason
+        Why `guaranteed_size` is nan; empty where it is a number.
     situation
         The situation that the verdict holds for, in one line.
-    beside
+    own_stick_slip
         What runs of the nominal plant that start from the loop's own stick-slip come to, in words; empty where the runs start from given values.
     """
 
     title: str
-    way: str
-    numbers: tuple[WrongNumber, ...]
+    run_conditions: str
+    parameters: tuple[WrongNumber, ...]
     size: float
     error: tuple[float, ...]
     why: str
-    held: float
+    largest_tolerated: float
     runs: int
     linear_size: float
     linear_error: tuple[float, ...]
-    guaranteed: float
+    guaranteed_size: float
     display_units: Mapping[str, str]
-    unknown: str = ""
-    beside: str = ""
+    undetermined_reason: str = ""
+    own_stick_slip: str = ""
     situation: str = ""
 
     @property
     def values(self) -> dict[str, float]:
         """{number: its value [SI] in the smallest error that breaks the machine}; empty if no error does."""
-        return {number.name: number.value(part) for number, part in zip(self.numbers, self.error, strict=bool(self.error))}
+        return {number.name: number.value(part) for number, part in zip(self.parameters, self.error, strict=bool(self.error))}
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text: one line per number."""
         lines: list[tuple[str, ...]] = [("number", "nominal", "from", "to", "the machine breaks at", "smooth running grows at")]
-        for i, number in enumerate(self.numbers):
+        for i, number in enumerate(self.parameters):
             read = reading(number.unit, self.display_units)
             shown = [f"{value * read.factor:.4g}" for value in (number.nominal, number.low, number.high)]
             for parts in (self.error, self.linear_error):
@@ -166,26 +166,28 @@ class SmallestError(Told, Result):
         broken = f"{self.size:.3g} of the ranges, all at once: {self.why}" if self.error else "none within the ranges"
         lines: list[str | Rows] = [
             f"Smallest error that breaks {self.title}: {broken}",
-            f"  {self.situation or self.way}",
+            f"  {self.situation or self.run_conditions}",
             Rows(self.rows),
         ]
-        lines.append(f"  with every error that was tried up to {self.held:.3g} of the ranges these runs are a success ({self.runs} runs)")
-        if self.beside:
-            lines.append(f"  {self.beside}")
+        lines.append(
+            f"  with every error that was tried up to {self.largest_tolerated:.3g} of the ranges these runs are a success ({self.runs} runs)"
+        )
+        if self.own_stick_slip:
+            lines.append(f"  {self.own_stick_slip}")
         if not math.isnan(self.linear_size):
             grows = "stays stable within them" if math.isinf(self.linear_size) else f"grows from {self.linear_size:.3g} on"
             lines.append(f"  smooth running {grows}")
-        if not math.isnan(self.guaranteed):
-            lines.append(f"  no error below {self.guaranteed:.3g} makes it grow, to first order (mu)")
-        elif self.unknown:
-            lines.append(f"  no size is guaranteed (mu): {self.unknown}")
+        if not math.isnan(self.guaranteed_size):
+            lines.append(f"  no error below {self.guaranteed_size:.3g} makes it grow, to first order (mu)")
+        elif self.undetermined_reason:
+            lines.append(f"  no size is guaranteed (mu): {self.undetermined_reason}")
         return lines
 
     def _table(self) -> HeadedRows:
         """One row per number."""
         headings = ["number", "unit", "nominal", "low", "high", "error", "value", "linear error", "linear value"]
         rows = []
-        for i, number in enumerate(self.numbers):
+        for i, number in enumerate(self.parameters):
             parts = [each[i] if each else math.nan for each in (self.error, self.linear_error)]
             found = [value for part in parts for value in (part, number.value(part))]
             rows.append([number.name, number.unit, number.nominal, number.low, number.high, *found])
@@ -195,9 +197,9 @@ class SmallestError(Told, Result):
         """The errors found in the range of each number; see `toolbox.robustness.figures.error_diagram`. Returns the ax."""
         from toolbox.robustness.figures import error_diagram
 
-        sizes = {"every run succeeds": self.held, "guaranteed (mu)": self.guaranteed}
+        sizes = {"every run succeeds": self.largest_tolerated, "guaranteed (mu)": self.guaranteed_size}
         found = {"the machine breaks": self.error, "smooth running grows": self.linear_error}
-        return error_diagram([number.name for number in self.numbers], found, sizes, ax=ax)
+        return error_diagram([number.name for number in self.parameters], found, sizes, ax=ax)
 
 
 @sign_of_life("smallest_error is at work")
@@ -282,20 +284,20 @@ def smallest_error(
     guaranteed, unknown = _guaranteed(trials, numbers)
     return SmallestError(
         title=all_described(loop.controllers),
-        way=trials.way,
-        numbers=numbers,
+        run_conditions=trials.way,
+        parameters=numbers,
         size=size,
         error=error,
         why=_alone(trials, numbers, error) if error else "",
-        held=held,
+        largest_tolerated=held,
         runs=(search.tried - before + 1) * len(trials.starts(str(nothing), _factors(numbers, nothing))),
         linear_size=linear_size,
         linear_error=linear,
-        guaranteed=guaranteed,
-        unknown=unknown,
+        guaranteed_size=guaranteed,
+        undetermined_reason=unknown,
         display_units={**loop.display_units, **asked},
         situation=str(trials.situation("plants with errors of all these numbers at once")),
-        beside=_beside(trials) if isinstance(trials.start, SmoothRunning) else "",
+        own_stick_slip=_beside(trials) if isinstance(trials.start, SmoothRunning) else "",
     )
 
 

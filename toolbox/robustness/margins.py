@@ -34,17 +34,17 @@ class Margins(Told, Result):
         The laws and how they run.
     stable
         Whether the linear loop is stable; False where there is none.
-    loops
+    loop_margins
         `LoopMargins` of every command, with the others closed.
-    joint
+    multiloop
         `JointMargins` of several commands together; None for one.
-    signals, units
+    operating_point, units
         {name: value} of set-points, commands and scalar states at the working point, and the units of the first two.
     reason
         Why there is no linear loop; empty where there is one.
-    measured
+    simulated_margins
         Margins found by simulation; None where they were not asked for.
-    loop
+    linear_loop
         The linear loop, for other tools.
     display_units
         {unit: unit that was typed}: the units in which `print` answers.
@@ -61,47 +61,47 @@ class Margins(Told, Result):
 
     title: str
     stable: bool
-    loops: tuple[LoopMargins, ...]
-    joint: JointMargins | None = None
-    signals: Mapping[str, float] = field(default_factory=dict)
+    loop_margins: tuple[LoopMargins, ...]
+    multiloop: JointMargins | None = None
+    operating_point: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     reason: str = ""
-    measured: MeasuredMargins | None = None
-    loop: LinearLoop | None = field(default=None, repr=False)
+    simulated_margins: MeasuredMargins | None = None
+    linear_loop: LinearLoop | None = field(default=None, repr=False)
     display_units: Mapping[str, str] = field(default_factory=dict)
 
     def _table(self) -> HeadedRows:
         """One row per command."""
         names = [each.name for each in dataclasses.fields(LoopMargins)]
-        return names, [[getattr(row, name) for name in names] for row in self.loops]
+        return names, [[getattr(row, name) for name in names] for row in self.loop_margins]
 
     def __getitem__(self, command: str) -> LoopMargins:
         """The margins of one command; raises SceneError for a name that is none."""
-        for row in self.loops:
+        for row in self.loop_margins:
             if row.command == command:
                 return row
-        raise SceneError(f"There are no margins of `{command}`: the commands are {', '.join(row.command for row in self.loops)}.")
+        raise SceneError(f"There are no margins of `{command}`: the commands are {', '.join(row.command for row in self.loop_margins)}.")
 
     @property
     def disk_margin(self) -> float:
         """The disk margin of all commands together, alpha [1]; 0 if the loop is unstable, nan if there is no linear loop."""
-        return self.joint.disk_margin if self.joint is not None else self.loops[0].disk_margin
+        return self.multiloop.disk_margin if self.multiloop is not None else self.loop_margins[0].disk_margin
 
     @property
     def peak_sensitivity(self) -> float:
         """Largest gain of the sensitivity, M_s [1]."""
-        return self.joint.peak_sensitivity if self.joint is not None else self.loops[0].peak_sensitivity
+        return self.multiloop.peak_sensitivity if self.multiloop is not None else self.loop_margins[0].peak_sensitivity
 
     @property
     def delay_margin(self) -> float:
         """Additional delay that makes the loop unstable [s], the smallest of any command alone."""
-        return min(row.delay_margin for row in self.loops)
+        return min(row.delay_margin for row in self.loop_margins)
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text: one line per command, and one for all together."""
         lines: list[tuple[str, ...]] = [("command", "disk margin", "at [rad/s]", "M_s", "gain", "phase", "delay")]
-        for row in self.loops:
+        for row in self.loop_margins:
             lines.append(
                 (
                     row.command, shown(row.disk_margin), shown(row.disk_frequency), shown(row.peak_sensitivity),
@@ -109,22 +109,22 @@ class Margins(Told, Result):
                     _time(row.delay_margin),
                 )
             )  # fmt: skip
-        if self.joint is not None:
-            joint = self.joint
+        if self.multiloop is not None:
+            joint = self.multiloop
             for label, value in (("all, each its own", joint.disk_margin), ("all, mixed", joint.unstructured_margin)):
                 lines.append((label, shown(value), shown(joint.disk_frequency), shown(joint.peak_sensitivity), "", "", ""))
-        if self.measured is not None:
-            found = self.measured
+        if self.simulated_margins is not None:
+            found = self.simulated_margins
             lines.append(("measured", "-", "-", "-", _range(found.lowest_gain, found.highest_gain), "-", _time(found.delay)))
         return lines
 
     def _told(self) -> list[str | Rows]:
         read = {name: reading(unit, self.display_units) for name, unit in self.units.items()}
-        at = ", ".join(f"{name} = {self.signals[name] * each.factor:.4g}{each.tail}" for name, each in read.items())
+        at = ", ".join(f"{name} = {self.operating_point[name] * each.factor:.4g}{each.tail}" for name, each in read.items())
         lines: list[str | Rows] = [f"Margins of {self.title}" + (f" at {at}" if at else ""), Rows(self.rows)]
-        if self.measured is not None and not math.isnan(self.measured.highest_inertia):
+        if self.simulated_margins is not None and not math.isnan(self.simulated_margins.highest_inertia):
             lines.append(
-                f"  measured: the inertia may be {_range(self.measured.lowest_inertia, self.measured.highest_inertia)} times what it is"
+                f"  measured: the inertia may be {_range(self.simulated_margins.lowest_inertia, self.simulated_margins.highest_inertia)} times what it is"
             )
         if self.reason:
             lines.append(f"  There is no linear loop: {self.reason}.")
@@ -137,11 +137,11 @@ class Margins(Told, Result):
 
         See `toolbox.robustness.figures.margins_diagram`. Raises SceneError where there is no linear loop.
         """
-        if self.loop is None:
+        if self.linear_loop is None:
             raise SceneError(f"There is no linear loop to be drawn: {self.reason}.")
         from toolbox.robustness.figures import margins_diagram
 
-        return margins_diagram(self.loop, self.loops, axes=axes)
+        return margins_diagram(self.linear_loop, self.loop_margins, axes=axes)
 
 
 @sign_of_life("margins is at work")
@@ -227,7 +227,7 @@ def margins(
         return result
     begin = dict(found.start) if found is not None else mapping("guess", guess) or smooth_start(loop)
     bears = measured_margins(loop.but(start=begin), duration=float(duration), inertia=inertia)
-    return Margins(**{**result.__dict__, "measured": bears})
+    return Margins(**{**result.__dict__, "simulated_margins": bears})
 
 
 def disk_margin(loop: ClosedLoop) -> float:

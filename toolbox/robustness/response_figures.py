@@ -169,12 +169,12 @@ def describing_diagram(found: Any, axes: Any = None) -> Any:
         gains, plane = axes
         slip, force = found.units
         gains.plot(found.amplitude, found.gain, label="describing function $N$", **LINES[0])
-        plane.plot(found.response.real, found.response.imag, label="$G$, slip over force", **LINES[0])
+        plane.plot(found.linear_response.real, found.response.imag, label="$G$, slip over force", **LINES[0])
         needed = {each.frequency: each.gain for each in found.cycles}
         largest = float(np.nanmax(found.gain))
         if largest > 0.0:
             plane.plot(
-                [1.0 / largest, 1.2 * max(np.abs(found.response).max(), 1.0 / largest)],
+                [1.0 / largest, 1.2 * max(np.abs(found.linear_response).max(), 1.0 / largest)],
                 [0.0, 0.0],
                 color="0.6",
                 linewidth=3.0,
@@ -186,9 +186,9 @@ def describing_diagram(found: Any, axes: Any = None) -> Any:
         for each in found.cycles:
             inside = "black" if each.stable else "white"
             gains.plot([each.amplitude], [needed[each.frequency]], "o", color=inside, markeredgecolor="black", zorder=4)
-        if found.exact:
+        if found.given_cycle:
             gains.axvline(
-                (found.exact[2] - found.exact[1]) / 2, color="0.4", linestyle=":", linewidth=1.2, label="half the swing of the cycle"
+                (found.given_cycle[2] - found.exact[1]) / 2, color="0.4", linestyle=":", linewidth=1.2, label="half the swing of the cycle"
             )
         top = max(largest, *needed.values(), 0.0)
         gains.set(ylim=(-0.5 * top, 2.1 * top), xlim=(0.0, np.nanmax(found.amplitude)))

@@ -106,17 +106,17 @@ def frequency_response(loop: ClosedLoop, omega: Sequence[NumberOrText] | None = 
     [3.91 0.75 0.36]
     """
     found = margins(loop, measured=False)
-    if found.loop is None:
+    if found.linear_loop is None:
         raise SceneError(f"There is no linear loop, and so no frequency response: {found.reason}.")
-    alone = {name: found.loop.alone(i) for i, name in enumerate(found.loop.actuated_signals)}
+    alone = {name: found.linear_loop.alone(i) for i, name in enumerate(found.linear_loop.actuated_signals)}
     if omega is None:
         w = np.unique(np.concatenate([frequencies(each) for each in alone.values()]))
     else:
         w = np.asarray(numbers("omega", omega, "rad/s"), float)
         if w.size < 2 or w[0] <= 0.0 or (np.diff(w) <= 0.0).any():
             raise SceneError("Argument `omega` must hold at least two positive, increasing frequencies, but it does not.")
-        if found.loop.period is not None and w[-1] > np.pi / found.loop.period * (1 + 1e-9):
+        if found.linear_loop.period is not None and w[-1] > np.pi / found.linear_loop.period * (1 + 1e-9):
             raise SceneError(
-                f"Argument `omega` must end at half the sampling frequency, {np.pi / found.loop.period:.4g} rad/s, but it ends at {w[-1]:.4g} rad/s."
+                f"Argument `omega` must end at half the sampling frequency, {np.pi / found.linear_loop.period:.4g} rad/s, but it ends at {w[-1]:.4g} rad/s."
             )
     return FrequencyResponse(w, {name: each.transfer(w)[:, 0, 0] for name, each in alone.items()}, found)

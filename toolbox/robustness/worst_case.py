@@ -88,7 +88,7 @@ class WorstCase(Told, Result):
     ----------
     title
         The laws and how they run.
-    way
+    run_conditions
         From where the runs begin, which contact is judged, and when.
     outcomes
         One `Outcome` per run.
@@ -108,7 +108,7 @@ class WorstCase(Told, Result):
     """
 
     title: str
-    way: str
+    run_conditions: str
     outcomes: tuple[Outcome, ...]
     seconds: float = field(default=0.0, compare=False)
     situation: str = ""
@@ -122,7 +122,7 @@ class WorstCase(Told, Result):
     def worst(self) -> Outcome:
         """The outcome with the largest excess. Raises SceneError if no plant has the stick-slip from which runs were to start."""
         if not self.outcomes:
-            raise SceneError(f"There is no worst outcome, because there was no run: {self.way}.")
+            raise SceneError(f"There is no worst outcome, because there was no run: {self.run_conditions}.")
         return max(self.outcomes, key=_badness)
 
     @property
@@ -156,12 +156,12 @@ class WorstCase(Told, Result):
         if not self.outcomes:
             return [
                 f"Worst case of {self.title}: no run, because there is no stick-slip to start from",
-                f"  {self.situation or self.way}",
+                f"  {self.situation or self.run_conditions}",
             ]
         verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
         return [
             f"Worst case of {self.title}: {verdict}",
-            f"  {self.situation or self.way}",
+            f"  {self.situation or self.run_conditions}",
             Rows(self.rows),
         ]
 

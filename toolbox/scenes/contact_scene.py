@@ -84,7 +84,7 @@ class ContactScene(Labelled):
 
     def _rest(self, problem: ContactProblem, case: Case) -> ContactRun:
         """The body under the forces at its beginning."""
-        forces = {name: value for name, value in self._inputs(case).items() if name in problem.forces}
+        forces = {name: value for name, value in self._inputs(case).items() if name in problem.force_inputs}
         acting = Acting(problem, forces, np.zeros(1))
         try:
             return press_contacts(problem, {name: float(value[0]) for name, value in acting.values.items()})

@@ -209,7 +209,7 @@ def hopf_curve(
     loop: ClosedLoop,
     parameter: str,
     bounds: tuple[NumberOrText, NumberOrText],
-    over: str,
+    second_parameter: str,
     values: Sequence[NumberOrText],
     *,
     mode: Mapping[str, str] | None = None,
@@ -225,7 +225,7 @@ def hopf_curve(
     parameter, bounds
         The first parameter or input, and the range (low, high) in which its Hopf value is searched, in SI or text
         with units.
-    over, values
+    second_parameter, values
         The other parameter or input, and its values.
     mode
         {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide
@@ -247,12 +247,12 @@ def hopf_curve(
     >>> from models import BitRock, wells
     >>> from toolbox import closed_loop, compose, hopf_curve
     >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
-    >>> speeds = hopf_curve(loop, "top.reference", ("10 rpm", "120 rpm"), over="bit.weight", values=["80 kN", "97 kN"])
+    >>> speeds = hopf_curve(loop, "top.reference", ("10 rpm", "120 rpm"), second_parameter="bit.weight", values=["80 kN", "97 kN"])
     >>> print(speeds.round(2), "rad/s")
     [3.46 3.67] rad/s
     """
     check_slopes(loop)
-    other, free = (loop.acting(name, "hopf_curve", lambda number: number.kind.poles) for name in (over, parameter))
+    other, free = (loop.acting(name, "hopf_curve", lambda number: number.kind.poles) for name in (second_parameter, parameter))
     within, loop = free.span(bounds), loop if loop.sampled else loop.continuous
     closed, inputs = loop.system, loop.constant_inputs("steady running")
     if loop.sampled:

@@ -26,6 +26,7 @@ from toolbox.modelling.elements import Quantity, quantity, state
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import SIGNALS, Controller, Sampled, designed, names
 from toolbox.steady_states.linear import linearise
+from toolbox.vocabulary import new_names_only
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,13 @@ class _Turned(Component):
         return Equations(flow={angle: speed}, gives={self.motion: (speed, "rad/s")})
 
 
+@new_names_only
 def impedance(
     *parts: Component | Sampled,
     frequency: Sequence[float] | np.ndarray,
     plant: HybridSystem | None = None,
-    motion: str | None = None,
-    effort: str | None = None,
+    speed_signal: str | None = None,
+    torque_signal: str | None = None,
     inertia: NumberOrText = 0.0,
     drag: NumberOrText = 0.0,
     speed: NumberOrText = 0.0,
@@ -68,7 +70,7 @@ def impedance(
         Frequencies w [rad/s], > 0.
     plant
         The plant on which controllers are designed.
-    motion, effort
+    speed_signal, torque_signal
         Names of the speed and of the torque at the top; by default the first signals that the controller measures and
         gives.
     inertia, drag
@@ -86,7 +88,7 @@ def impedance(
     Raises
     ------
     SceneError
-        If a controller measures more than `motion`, or a frequency is not positive.
+        If a controller measures more than `speed_signal`, or a frequency is not positive.
 
     Examples
     --------
@@ -118,12 +120,14 @@ def impedance(
     at_ends = [next(iter(names(getattr(each, word))), "") for each in own if isinstance(each, Controller) for word in SIGNALS][:2]
     routes = [name for part in own for name in part.routes]
     at_ends = at_ends or list(drive_among(routes, routes.__contains__) or ("", ""))
-    motion, effort = (end if named is None else named for named, end in zip((motion, effort), at_ends, strict=True))
-    turned = _Turned(motion=motion, start=float(speed))
+    speed_signal, torque_signal = (
+        end if named is None else named for named, end in zip((speed_signal, torque_signal), at_ends, strict=True)
+    )
+    turned = _Turned(motion=speed_signal, start=float(speed))
     driven = compose(turned, *own) if plant is None else assembled((turned, *own))
-    if not isinstance(effort, str) or effort not in driven.signals:
-        raise SceneError(f"Argument `parts` must give the signal `{effort}`, but they do not.")
-    system = linearise(driven, at, inputs="imposed.speed", outputs=effort)
+    if not isinstance(torque_signal, str) or torque_signal not in driven.signals:
+        raise SceneError(f"Argument `parts` must give the signal `{torque_signal}`, but they do not.")
+    system = linearise(driven, at, inputs="imposed.speed", outputs=torque_signal)
     response = np.array([np.ravel(system(1j * each))[0] for each in w.ravel()]).reshape(w.shape)
     return -response * np.exp(-1j * w * late) + 1j * w * inertia + drag
 

@@ -88,7 +88,7 @@ class Tuned(Told, Result):
         What was made small.
     scenes
         Labels of the scenes.
-    over
+    aggregate
         How the values of several scenes become one.
     trials
         Every point that was tried; the law as it was given comes first.
@@ -96,7 +96,7 @@ class Tuned(Told, Result):
         Seed of the search.
     loop
         The loop of the first scene, with the law as it was given; None in a result that was loaded: `dataclasses.replace(found, loop=loop)` has its laws.
-    simulated
+    simulated_runs
         Number of runs of this call; the others came from the journal.
     display_units
         {unit: unit that was typed}: the units in which report and figure answer.
@@ -107,10 +107,10 @@ class Tuned(Told, Result):
     objectives: tuple[str, ...]
     units: tuple[str, ...]
     scenes: tuple[str, ...]
-    over: Callable[[Sequence[float]], float]
+    aggregate: Callable[[Sequence[float]], float]
     trials: tuple[Trial, ...]
     seed: int
-    simulated: int
+    simulated_runs: int
     loop: ClosedLoop = field(repr=False, metadata=LEFT_OUT)
     display_units: Mapping[str, str] = field(default_factory=dict)
 
@@ -121,7 +121,7 @@ class Tuned(Told, Result):
 
     def counted(self, trial: Trial) -> tuple[float, ...]:
         """Return the values of a trial that count: every objective over the scenes."""
-        return counted_over(trial, self.over)
+        return counted_over(trial, self.aggregate)
 
     @property
     def front(self) -> tuple[Trial, ...]:
@@ -185,7 +185,7 @@ class Tuned(Told, Result):
     def _told(self) -> list[str | Rows]:
         tried = len(self.trials)
         failed = sum(trial.failed for trial in self.trials)
-        over = f", {_over_words(self.over)} of {len(self.scenes)} scenes counts" if len(self.scenes) > 1 else ""
+        over = f", {_over_words(self.aggregate)} of {len(self.scenes)} scenes counts" if len(self.scenes) > 1 else ""
         counts = f"{_count(len(self.free), 'free number')}, {_count(len(self.objectives), 'objective')}"
         told: list[str | Rows] = [
             f"Tuning of {self.title}: {counts}{over}; {tried} points, {tried * len(self.scenes)} runs, seed {self.seed}",

@@ -52,7 +52,7 @@ def tune(
     ranges: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
     duration: NumberOrText | None = None,
-    over: Callable[[Sequence[float]], float] = max,
+    aggregate: Callable[[Sequence[float]], float] = max,
     runs: int = 200,
     seed: int = 0,
     checkpoint: str | Path | None = None,
@@ -82,7 +82,7 @@ def tune(
         designed again for a number that only its design uses.
     duration
         Length of the runs of plants [s].
-    over
+    aggregate
         Function that combines the values of several scenes: `max` for the worst case, `statistics.fmean` for the
         mean.
     runs
@@ -127,8 +127,8 @@ def tune(
     free = _shared(loops, ranges)
     objectives = metrics_of(objective, "objective")
     judged = [judged_measures(objectives, loops[label], 0.0, each.duration, "objective") for label, each in scenes.items()]
-    if not callable(over):
-        raise SceneError(f"Argument `over` must be a function such as `max`, but it is {over!r}.")
+    if not callable(aggregate):
+        raise SceneError(f"Argument `aggregate` must be a function such as `max`, but it is {aggregate!r}.")
     whole("runs", runs, 10)
     whole("seed", seed, 0)
     check_executor(executor)
@@ -145,7 +145,7 @@ def tune(
             },
             lambda result: is_result(result, len(scenes), len(objectives)),
         )
-    search = TuningSearch(list(scenes.values()), chosen, free, objectives, over, runs, kept, executor)
+    search = TuningSearch(list(scenes.values()), chosen, free, objectives, aggregate, runs, kept, executor)
     with progress_bar(runs, "tuning", bar_format="{desc} |{bar:30}| {n_fmt}/{total_fmt} points, {elapsed}") as search.bar:
         search.given()
         with contextlib.suppress(Spent):
@@ -160,7 +160,7 @@ def tune(
         tuple(objectives),
         tuple(units),
         tuple(scenes),
-        over,
+        aggregate,
         tuple(search.trials.values()),
         seed,
         search.simulated,

@@ -48,7 +48,7 @@ def pressed(cylinders, approach, radius=1.0):
     tangent = np.hstack([unit[body.indices("x")], -unit[body.indices("x")]])
     return ContactProblem(
         both(body.mass), both(body.stiffness), tangent[:, None, :], Coulomb(MU, MU), normal=closure, gap=x**2 / (2 * radius) - approach,
-        surface={"shift": np.ones((c, 1))}, places=x[:, None],
+        surface_velocity={"shift": np.ones((c, 1))}, contact_positions=x[:, None],
     )  # fmt: skip
 
 
@@ -68,7 +68,7 @@ def test_the_half_width_and_the_peak_pressure_are_those_of_hertz(cylinders):
         exact = math.sqrt(4 * load * 1.0 / (math.pi * modulus))
         assert half_width(cylinders[1], rest.normal[0], 2) == pytest.approx(exact, rel=0.02)
         assert rest.share("open")[0] > 0
-        touching = (rest.modes[0] != 2).sum() * spacing / 2
+        touching = (rest.contact_modes[0] != 2).sum() * spacing / 2
         assert touching == pytest.approx(exact, abs=1.01 * spacing)
         assert rest.normal[0].max() / spacing == pytest.approx(2 * load / (math.pi * exact), rel=0.02)
 
@@ -97,7 +97,7 @@ def test_the_stick_zone_shrinks_as_cattaneo_and_mindlin_say(cylinders):
             assert run.share()[i] == 0.0 or abs(pull) < 1 - 1e-9
             continue
         exact = a * math.sqrt(1 - abs(pull))
-        stuck = run.modes[i] == 0
+        stuck = run.contact_modes[i] == 0
         if stuck.sum() < 9:
             continue
         rest_of_cone = np.where(stuck, MU * run.normal[i] - np.abs(run.tangential[i, :, 0]), 0.0)

@@ -34,7 +34,7 @@ def fitted(elements):
     mass, stiffness, share = bar(elements)
     unit = np.eye(elements + 1)
     return ContactProblem(
-        mass, stiffness, unit[:, None, :], Coulomb(MU, MU), load=HOLD * share / MU, forces={"pull": unit[0]}, outputs={"end": unit[0]}
+        mass, stiffness, unit[:, None, :], Coulomb(MU, MU), load=HOLD * share / MU, force_inputs={"pull": unit[0]}, outputs={"end": unit[0]}
     )
 
 
@@ -60,7 +60,7 @@ def test_a_bar_in_a_shrink_fit_moves_and_dissipates_as_the_closed_form_with_an_e
 
         np.testing.assert_allclose(run["end"], loops(with_elements), atol=1e-9 * smooth(top))
         errors.append(np.abs(run["end"] - loops(smooth)).max() / smooth(top))
-        losses.append((run.rubbed[-1].sum() - run.rubbed[50].sum()) / (2 * top**3 / (3 * STIFFNESS * HOLD)) - 1)
+        losses.append((run.friction_work[-1].sum() - run.friction_work[50].sum()) / (2 * top**3 / (3 * STIFFNESS * HOLD)) - 1)
         audit = run.audit()
         assert abs(audit["missing"]) < 1e-9 * audit["size"]
     assert errors[-1] < 1e-3
@@ -72,7 +72,7 @@ def test_every_node_of_the_bar_lets_go_at_its_own_force_as_a_located_event():
     elements = 8
     mass, stiffness, share = bar(elements)
     body = ElasticBody(mass, stiffness, 1e-5 * stiffness).reduced({f"contact.{i}": row for i, row in enumerate(np.eye(elements + 1))})
-    slider = ElasticSlider(body, tuple(HOLD * share / MU), held="contact.0", stiffness=0.0, damping=0.0, friction=Coulomb(MU, MU))
+    slider = ElasticSlider(body, tuple(HOLD * share / MU), support_port="contact.0", stiffness=0.0, damping=0.0, friction=Coulomb(MU, MU))
     whole = HOLD * LENGTH
     run = simulate(compose(slider), 1.0, inputs={"slider.pull": ramp(0.0, 0.99 * whole, 0.0, 1.0)}, method="stiff", accuracy=1e-8)
     first = {event.element: event.time for event in reversed(run.events) if event.before == "stick"}
@@ -99,7 +99,7 @@ def struck():
     def run(body):
         problem = ContactProblem(
             body.mass, body.stiffness, np.eye(body.size)[None, :1], Coulomb(0.3, 0.3), load=[1000.0], damping=body.damping,
-            forces={"end": np.eye(body.size)[1]}, outputs={"rubs": np.eye(body.size)[0]},
+            force_inputs={"end": np.eye(body.size)[1]}, outputs={"rubs": np.eye(body.size)[0]},
         )  # fmt: skip
         return step_contacts(problem, 3 * period, step=period / 200, inputs=inputs)
 

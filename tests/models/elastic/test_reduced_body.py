@@ -56,7 +56,7 @@ def test_a_body_that_is_saved_and_loaded_is_equal_in_all_it_holds(tmp_path):
 
 def test_a_scene_names_the_file_of_a_body_from_its_own_folder_and_is_saved_whole(scene, tmp_path):
     loaded = Scene.load(scene())
-    assert loaded.parts[0] == ElasticSlider(chain(), (2.0, 3.0, 2.5), held="contact.0")
+    assert loaded.parts[0] == ElasticSlider(chain(), (2.0, 3.0, 2.5), support_port="contact.0")
     (tmp_path / "far").mkdir()
     saved = loaded.save(tmp_path / "far" / "again.toml")
     (tmp_path / "chain.npz").unlink()
@@ -114,14 +114,14 @@ def test_a_file_keeps_places_and_areas_of_contacts_and_one_triangle_of_symmetric
     body = replace(chain(), places=[[0.0, 1.0]], areas=[2e-6])
     assert body != chain() and replace(chain(), areas=[2e-6]) != chain()
     again = ReducedBody.load(body.save(tmp_path / "chain.npz"))
-    assert again == body and np.array_equal(again.places, [[0.0, 1.0]]) and np.array_equal(again.areas, [2e-6])
+    assert again == body and np.array_equal(again.contact_positions, [[0.0, 1.0]]) and np.array_equal(again.contact_areas, [2e-6])
     with np.load(tmp_path / "chain.npz") as data:
         assert np.array_equal(data["stiffness"], np.triu(body.stiffness)) and np.count_nonzero(np.tril(body.stiffness, -1))
     rounded = body.stiffness.copy()
     rounded[0, -1] += 1e-12 * np.abs(rounded).max()  # symmetric but for round-off: kept as it is
     uneven = replace(body, stiffness=rounded)
     assert ReducedBody.load(uneven.save(tmp_path / "uneven.npz")) == uneven
-    assert ReducedBody.load(chain().save(tmp_path / "plain.npz")).places is None
+    assert ReducedBody.load(chain().save(tmp_path / "plain.npz")).contact_positions is None
 
 
 @pytest.mark.parametrize("lacks", ["mass", "ports", "rigid"])

@@ -44,7 +44,7 @@ def test_its_energy_is_accounted_for():
 def test_a_slider_rides_on_a_plate_for_metres_and_its_strains_stay_exact():
     """Nothing but friction holds it: it is carried off by the plate, and what accelerates it is all that its contacts carry."""
     body = row_of_masses(stiffness=1e8)
-    free = ElasticSlider(body, (2.5,) * 4, held="contact.1", stiffness=0.0, damping=0.0)
+    free = ElasticSlider(body, (2.5,) * 4, support_port="contact.1", stiffness=0.0, damping=0.0)
     run = simulate(compose(free), 4.0, inputs={"plate.speed": ramp(0.0, 4.0, 0.0, 2.0)}, method="stiff", accuracy=1e-6)
     assert run["plate.stuck"].min() == 1.0
     assert run["slider.position"][-1] == pytest.approx(12.0, rel=1e-9)
@@ -63,9 +63,12 @@ def test_which_contact_is_held_counts_for_the_mount_alone():
     body = ElasticBody(0.01 * np.eye(4), matrix, 1e-4 * matrix)
     ports = {f"contact.{i}": np.eye(4)[i] for i in range(4)}
     beside = ElasticSlider(
-        body.reduced({f"contact.{i}": np.eye(4)[i + 1] for i in range(3)} | {"end": np.eye(4)[0]}), (2.5,) * 3, held="end", damping=500.0
+        body.reduced({f"contact.{i}": np.eye(4)[i + 1] for i in range(3)} | {"end": np.eye(4)[0]}),
+        (2.5,) * 3,
+        support_port="end",
+        damping=500.0,
     )
-    loaded = ElasticSlider(body.reduced(ports), (0.0, 2.5, 2.5, 2.5), held="contact.0", damping=500.0)
+    loaded = ElasticSlider(body.reduced(ports), (0.0, 2.5, 2.5, 2.5), support_port="contact.0", damping=500.0)
     runs = [simulate(compose(part), 0.5, inputs=DRIVE, method="stiff", accuracy=1e-8) for part in (beside, loaded)]
     times = np.linspace(0, 0.5, 101)
     for name in ("slider.position", "plate.drag"):

@@ -119,7 +119,7 @@ class Drop(_Falling):
     --------
     >>> from models import BlockOnBelt, Drop
     >>> from toolbox import compose, measure, simulate
-    >>> run = simulate(compose(BlockOnBelt(friction=Drop(speed=0.1))), "60 s")
+    >>> run = simulate(compose(BlockOnBelt(friction=Drop(drop_speed=0.1))), "60 s")
     >>> print(f"the block sticks for {measure.stuck_ratio(run, 'belt'):.0%} of the time")
     the block sticks for 25% of the time
     """

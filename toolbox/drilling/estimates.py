@@ -32,6 +32,9 @@ STICKING = 0.5
 UNITS = {"bit_speed": "rad/s", "bit_torque": "N m", "strength": "1", "severity": "1", "margin": "rad/s"}
 """{what is estimated: its unit}."""
 
+FIELDS = {"strength": "rock_strength", "margin": "onset_margin"}
+"""{what is estimated: the field of `Estimate` that holds it, if its name differs}."""
+
 SHOWN = {"margin": "margin to the loss of smooth running"}
 """{what is estimated: its name in report and figure, where it is another}."""
 
@@ -258,7 +261,7 @@ def estimate(
             now = made.step(float(steps[k]), float(between[k]), float(speed[k]), float(weight[k]))
             if unseen > longest[k] and last == time[k]:  # what was told before a gap tells nothing after it
                 detector, now = Detector(), made.forgotten() if unseen > SEEN * made.period else now
-            found[k] = np.ravel([getattr(now, name) for name in UNITS])
+            found[k] = np.ravel([getattr(now, FIELDS.get(name, name)) for name in UNITS])
             lost[k] = time[k] - last > longest[k]
             sticks[k] = not lost[k] and detector(now)
             if k % 500 == 499:

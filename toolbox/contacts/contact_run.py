@@ -221,7 +221,8 @@ class ContactRun(Renamed):
         if path.suffix == ".csv":
             return self.to_csv(path)
         columns: dict[str, Any] = {word: getattr(self, word) for word in RECORDS}
-        columns |= {word: getattr(self.problem, word) for word in ("areas", "places") if getattr(self.problem, word) is not None}
+        surface = {"areas": self.problem.contact_areas, "places": self.problem.contact_positions}
+        columns |= {word: values for word, values in surface.items() if values is not None}
         for name in self.problem.outputs:
             columns |= {f"output.{name}": self[name], f"output.{name}.speed": self.rate(name)}
         columns |= {f"input.{name}": values for name, values in self.inputs.items()}
@@ -351,10 +352,11 @@ class ContactRun(Renamed):
         if values == "mode":
             return draw_modes(plane, self.contact_modes[i], ax)
         scales = {"pressure": (1e-6, "MPa"), "traction": (1e-6, "MPa"), "rubbed": (1e9, "nJ")}
+        fields = {"rubbed": "friction_work"}
         if values not in scales:
             raise SceneError(f"Argument `values` must be mode, pressure, traction or rubbed, but it is {values!r}.")
         factor, unit = scales[values]
-        return draw_field(plane, factor * getattr(self, values)[i], f"{values} [{unit}]", ax)
+        return draw_field(plane, factor * getattr(self, fields.get(values, values))[i], f"{values} [{unit}]", ax)
 
     def animate(self, path: Any, frames: int = 60, seconds: float = 6.0) -> None:
         """Write an animation (.gif) of stick, slip and open on the face, beside the share that sticks."""

@@ -50,10 +50,10 @@ def draw_forces(times: np.ndarray, forces: Mapping[str, np.ndarray], ax: Any = N
 def draw_run(run: Any) -> Any:
     """Shares and forces over time above the face of a `ContactRun` at four instants, and fields over it; no face where no places are known."""
     with plt.rc_context(PAPER | {"font.size": 8.0}):
-        if run.problem.places is None:
+        if run.problem.contact_positions is None:
             _, (top, bottom) = plt.subplots(2, 1, figsize=(WIDTH, 4.2), layout="constrained")
             return np.array([run.plot_share(top), run.plot_forces(bottom)])
-        changes = np.append(0, np.cumsum(np.diff(run.modes, axis=0).astype(bool).sum(axis=1)))
+        changes = np.append(0, np.cumsum(np.diff(run.contact_modes, axis=0).astype(bool).sum(axis=1)))
         if changes[-1]:
             chosen = np.searchsorted(changes, changes[-1] * np.array([0.2, 0.4, 0.6, 0.8]))
         else:

@@ -188,7 +188,11 @@ def describing_diagram(found: Any, axes: Any = None) -> Any:
             gains.plot([each.amplitude], [needed[each.frequency]], "o", color=inside, markeredgecolor="black", zorder=4)
         if found.given_cycle:
             gains.axvline(
-                (found.given_cycle[2] - found.given_cycle[1]) / 2, color="0.4", linestyle=":", linewidth=1.2, label="half the swing of the cycle"
+                (found.given_cycle[2] - found.given_cycle[1]) / 2,
+                color="0.4",
+                linestyle=":",
+                linewidth=1.2,
+                label="half the swing of the cycle",
             )
         top = max(largest, *needed.values(), 0.0)
         gains.set(ylim=(-0.5 * top, 2.1 * top), xlim=(0.0, np.nanmax(found.amplitude)))

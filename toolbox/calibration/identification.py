@@ -44,7 +44,7 @@ EXPERIMENTS = {
     "static": "raise the force slowly from rest until it moves, several times each way",
     "kinetic": "move at steady speeds over the whole range",
     "viscous": "move at steady speeds that differ by a factor of five or more",
-    "speed": "move at slow steady speeds, from creep to three times the speed at which friction is least",
+    "stribeck_speed": "move at slow steady speeds, from creep to three times the speed at which friction is least",
     "offset": "move both ways, by the same path",
     "mass": "accelerate by a measured force: steps, or a sine of the largest force",
     "inertia": "accelerate by a measured torque: steps, or a sine of the largest torque",
@@ -468,7 +468,7 @@ def _told(part: Any, recording: Recording, free: Sequence[str], untold: dict[str
                 untold[name] = f"every break-away falls on a jump of the force, which passes it. To tell it, {EXPERIMENTS['static']}."
         except Unidentifiable as error:
             plain = [name.partition("[")[0] for name in error.names if name.partition("[")[0] in free]
-            order = [name for word in ("offset", "static", "speed", "viscous", "shift") for name in plain if name.endswith(f".{word}")]
+            order = [name for word in ("offset", "static", "stribeck_speed", "viscous", "shift") for name in plain if name.endswith(f".{word}")]
             lost = plain if error.mute else (order or plain)[:1]
             if not lost or len(lost) == len(free):
                 raise

@@ -169,7 +169,7 @@ class GroanBorder(NamedTuple):
     growth: float = 0.0
 
     def at(self, speed: float) -> float:
-        """Return the border [N] at a disc speed [rad/s] >= 0. At a speed where two pieces meet, the piece of the higher speeds holds."""
+        """Return the border [N] at a disc speed [rad/s] >= 0. If two pieces meet at this speed, the piece of the higher speeds is used."""
         piece = int(np.searchsorted(self.speeds, number("speed", speed, "rad/s", at_least=0), side="right")) - 1
         return self.forces[piece] * math.exp(self.growth * speed)  # growth is 0 where a piece has no border
 

@@ -32,14 +32,22 @@ class DiscBrake(Component):
     - `heat_capacity` C: the temperature h of the disc above the surroundings, C h' = F (r w - v) - cooling h. All
       friction is multiplied by max(1 - fade h, 0).
 
-    Signals:
+    Needs the signals
 
-    - Needs `brake.force` [N] (default: the field `force`), `brake.disturbance` [N] (default 0; use the input `sine` for
-      a harmonic disturbance), `disc.torque` T_drive [N m] (default 0), and `pad.attachment` a [N] (default 0), the
-      force of a part that is attached to the pads, for example an absorber or a shaker.
-    - Gives `disc.speed` w [rad/s], `pad.position` x [m], `pad.speed` v [m/s], `brake.torque` r F [N m]. With a lag also
-      `brake.normal_force` [N], with a wheel radius `disc.car_speed` [m/s], with a heat capacity `disc.warming` h [K].
-    - Contacts: `pad` and, with a second friction law, `other_pad`. They stick and break away together.
+    - `brake.force` [N] (default: the field `force`);
+    - `brake.disturbance` [N] (default 0; use the input `sine` for a harmonic disturbance);
+    - `disc.torque` T_drive [N m] (default 0);
+    - `pad.attachment` a [N] (default 0), the force of a part that is attached to the pads, such as an absorber or a
+      shaker.
+
+    Gives the signals
+
+    - `disc.speed` w [rad/s], `pad.position` x [m], `pad.speed` v [m/s], `brake.torque` r F [N m];
+    - with a lag `brake.normal_force` [N];
+    - with a wheel radius `disc.car_speed` [m/s];
+    - with a heat capacity `disc.warming` h [K].
+
+    Contacts: `pad` and, with a second friction law, `other_pad`. Both stick and break away together.
 
     Range of validity: groan at low speed (below about 3 rad/s for the default values). Squeal (see `SquealingPad`) and
     the heating of the pads are not modelled.

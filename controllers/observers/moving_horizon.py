@@ -40,7 +40,9 @@ class MovingHorizon(Observer):
     period: Quantity = quantity(0.05, "s", "sample time", above=0, typical_range=(1e-4, 5.0))
     delay: Quantity = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
-    torque_process_noise: Quantity = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    torque_process_noise: Quantity = quantity(
+        8000.0, "N m s^-0.5", "standard deviation of the change of the bit torque in one second", above=0
+    )
     drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
     lowest_speed: OptionalQuantity = quantity(0.0, "rad/s", "lowest bit speed")
     lowest_torque: OptionalQuantity = quantity(0.0, "N m", "lowest torque of the rock; 0 keeps the friction scale from being negative")

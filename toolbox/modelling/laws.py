@@ -334,7 +334,7 @@ class External(Component):
     actuated_signals: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     wanted: tuple[str, ...] = ()
-    defaults: OptionalQuantities = quantity(None, "1", "defaults of the last signals that it measures")
+    defaults: OptionalQuantities = quantity(None, "1", "defaults of the last measured signals")
     sensors: Sensors = field(default_factory=Sensors)
 
     def equations(self, signal: Signal) -> Equations:

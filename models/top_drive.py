@@ -69,7 +69,7 @@ class TopDrive(Component):
             )
 
     @property
-    def routes(self):
+    def redirected_signals(self):
         """What control laws find in place of the signals of the string."""
         own = self.name or "drive"
         return {"top.torque": f"{own}.command", "top.speed": f"{own}.speed"}
@@ -133,7 +133,7 @@ class TopDrive(Component):
             gives = {"drive.speed": (measured, "rad/s")} | gives
         return Equations(
             flow=flow,
-            gives=gives,
+            outputs=gives,
             elements=elements,
             stored=stored,
             losses=losses,

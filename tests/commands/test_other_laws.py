@@ -26,7 +26,7 @@ def test_a_study_of_a_stop_under_a_law_that_holds_the_speed_judges_steady_runnin
     assert main(["study", BRAKE, "--law", "HeldSpeed", "--out", str(tmp_path)]) == 0
     (row,) = csv.DictReader((tmp_path / "table.csv").read_text().splitlines())
     assert (row["controller"], row["verdict"]) == ("HeldSpeed", "stick-slip")  # it groans at 1 rad/s
-    assert Scene.load(tmp_path / "scene.toml").standstill is None
+    assert Scene.load(tmp_path / "scene.toml").standstill_speed is None
 
 
 def test_the_law_runs_at_the_set_point_of_the_scene():

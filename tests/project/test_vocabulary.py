@@ -63,9 +63,8 @@ def words_of(each):
     if inspect.isfunction(each):
         return set(inspect.signature(each).parameters)
     fields = {field.name for field in dataclasses.fields(each)} if dataclasses.is_dataclass(each) else set()
-    return fields | {
-        name for kind in each.__mro__ if kind.__module__.partition(".")[0] in ("toolbox", "models", "controllers") for name in vars(kind)
-    }
+    kinds = [kind for kind in each.__mro__ if kind.__module__.partition(".")[0] in ("toolbox", "models", "controllers")]
+    return fields | {name for kind in kinds for name in (*vars(kind), *vars(kind).get("__annotations__", ()))}
 
 
 PUBLIC = public()

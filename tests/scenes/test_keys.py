@@ -41,7 +41,7 @@ element = "bit"
 signal = "bit.speed"
 effort = "top.torque"
 after = "30 s"
-standstill = 0.1
+standstill_speed = 0.1
 [measured]
 file = "log.csv"
 columns = { time = "Time" }

@@ -95,12 +95,12 @@ def by_observer(observer: Any, told: Mapping[str, np.ndarray]) -> np.ndarray:
     made = observer.design(RIG)
     n = len(made.gain)
     stacked = np.zeros((n + 4) * n)
-    stacked[list(made.places)] = made.model
+    stacked[list(made.model_indices)] = made.model
     stacked = stacked.reshape(n + 4, n)
     gain = np.array(made.gain)
     rates = np.column_stack([stacked[:n] - np.outer(gain, stacked[n + 1]), stacked[n], gain])
     moved = expm(np.vstack([rates, np.zeros((2, n + 2))]) * PERIOD)
-    steady = np.array(made.begins).reshape(2, n)
+    steady = np.array(made.initial_state_map).reshape(2, n)
     z, found = steady[0] * told["top.torque"][0] + steady[1] * told["top.speed"][0], np.empty(told["time"].size)
     for k, u in enumerate(zip(told["top.torque"], told["top.speed"], strict=True)):
         found[k] = stacked[n + 2] @ z

@@ -76,7 +76,7 @@ def written(tmp_path):
 
 
 def equal(one, other):
-    for word in ("time", "coordinates", "rates", "modes", "normal", "tangential", "slip", "rubbed"):
+    for word in ("time", "coordinates", "rates", "contact_modes", "normal", "tangential", "slip", "friction_work"):
         assert np.array_equal(getattr(one, word), getattr(other, word)), word
 
 

@@ -50,15 +50,15 @@ def draw_forces(times: np.ndarray, forces: Mapping[str, np.ndarray], ax: Any = N
 def draw_run(run: Any) -> Any:
     """Shares and forces over time above the face of a `ContactRun` at four instants, and fields over it; no face where no places are known."""
     with plt.rc_context(PAPER | {"font.size": 8.0}):
-        if run.problem.places is None:
+        if run.problem.contact_positions is None:
             _, (top, bottom) = plt.subplots(2, 1, figsize=(WIDTH, 4.2), layout="constrained")
             return np.array([run.plot_share(top), run.plot_forces(bottom)])
-        changes = np.append(0, np.cumsum(np.diff(run.modes, axis=0).astype(bool).sum(axis=1)))
+        changes = np.append(0, np.cumsum(np.diff(run.contact_modes, axis=0).astype(bool).sum(axis=1)))
         if changes[-1]:
             chosen = np.searchsorted(changes, changes[-1] * np.array([0.2, 0.4, 0.6, 0.8]))
         else:
             chosen = np.linspace(0, len(run.time) - 1, 5).round().astype(int)[1:]
-        rows = [["share"] * 4, ["forces"] * 4, ["0", "1", "2", "3"], ["pressure", "traction", "rubbed", "legend"]]
+        rows = [["share"] * 4, ["forces"] * 4, ["0", "1", "2", "3"], ["pressure", "traction", "friction_work", "legend"]]
         _, axes = plt.subplot_mosaic(rows, figsize=(WIDTH, 7.2), layout="constrained", height_ratios=[1.2, 0.9, 1.0, 1.0])
         run.plot_share(axes["share"]).set_xlabel("")
         run.plot_forces(axes["forces"])
@@ -71,11 +71,11 @@ def draw_run(run: Any) -> Any:
             marks |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
             ax.get_legend().remove()
             ax.set_title(f"{run.time[i]:.4g} s: {run.share()[i]:.0%} stick", fontsize=7)
-        for word, i in (("pressure", chosen[-1]), ("traction", chosen[-1]), ("rubbed", -1)):
+        for word, i in (("pressure", chosen[-1]), ("traction", chosen[-1]), ("friction_work", -1)):
             run.plot_map(run.time[i], word, axes[word])
             axes[word].set_title(f"{run.time[i]:.4g} s", fontsize=8)
         for word, ax in axes.items():
-            if word in ("1", "2", "3", "traction", "rubbed"):
+            if word in ("1", "2", "3", "traction", "friction_work"):
                 ax.set(ylabel="")
             if word.isdigit():
                 ax.set(xlabel="")

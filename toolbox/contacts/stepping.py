@@ -303,7 +303,7 @@ class _Stepping:
             ("normal", "normal"),
             ("tangential", "tangential"),
             ("slip", "slip"),
-            ("modes", "modes"),
+            ("modes", "contact_modes"),
         ):
             getattr(self, mine)[0] = getattr(start, other)[-1]
         self.energy.kinetic[0] = self.v[0] @ problem.mass @ self.v[0] / 2

@@ -180,13 +180,13 @@ def severity_panels(found: Any, axes: Any = None) -> Any:
                 shade.set_clip_path(_path(outlines(grid, lasting[edge], borders[edge])), ax.transData)
             for border, (label, look) in BORDERS.items():
                 ax.add_collection(LineCollection(lines_of(borders[border]), label=label, zorder=3, **look))
-            if all(axis[0] <= value <= axis[-1] for axis, value in zip(found.axes, found.at, strict=True)):
-                ax.plot(*(np.array(found.at) / divisors), marker="^", color="black", markeredgecolor="white", markersize=8, linestyle="none",
+            if all(axis[0] <= value <= axis[-1] for axis, value in zip(found.axes, found.nominal_point, strict=True)):
+                ax.plot(*(np.array(found.nominal_point) / divisors), marker="^", color="black", markeredgecolor="white", markersize=8, linestyle="none",
                         clip_on=False, zorder=4, label="working point")  # fmt: skip
             ax.set_title(titles[name], loc="left", fontsize=9.0)
             ax.set(xlim=grid[0][[0, -1]], ylim=grid[1][[0, -1]])
             ax.set_xlabel(f"{in_words(found.names[0])} [{scales[0][1]}]")
-        _words(axes[0], grid, regions, found.at / divisors)
+        _words(axes[0], grid, regions, found.nominal_point / divisors)
         axes[0].set_ylabel(f"{in_words(found.names[1])} [{scales[1][1]}]")
         figure = axes[0].figure
         bar = figure.colorbar(

@@ -117,14 +117,14 @@ def stability_diagram(found: Any, ax: Any = None) -> Any:
         if levels:
             lines = ax.contour(x, y, margin, levels=levels, colors="#12355b", linewidths=0.9)
             ax.clabel(lines, fmt=lambda level: f"α = {level:g}", fontsize=7.0)
-        ax.plot(*found.at, marker="o", color="#e07a1f", markeredgecolor="black", markersize=6, linestyle="none", clip_on=False)
+        ax.plot(*found.nominal_point, marker="o", color="#e07a1f", markeredgecolor="black", markersize=6, linestyle="none", clip_on=False)
         known = np.isfinite(
-            found.growth
+            found.growth_rate
         )  # where there is no steady running at the set-point, as without integral gain, nothing is to be seen
         across, up = found.axes[0][known.any(axis=1)], found.axes[1][known.any(axis=0)]
-        for each, values, place in ((ax.set_xlim, across, found.at[0]), (ax.set_ylim, up, found.at[1])):
+        for each, values, place in ((ax.set_xlim, across, found.nominal_point[0]), (ax.set_ylim, up, found.nominal_point[1])):
             each(min([*values, place]), max([*values, place]))
-        if not (found.growth < 0.0).any():
+        if not (found.growth_rate < 0.0).any():
             ax.text(0.5, 0.6, "stable nowhere", transform=ax.transAxes, ha="center")
         for axis, name, unit in zip((ax.xaxis, ax.yaxis), found.names, found.units, strict=True):
             name_axis(axis, in_words(name), unit, found.display_units)
@@ -144,9 +144,9 @@ def _finer(found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """
     from scipy.interpolate import Akima1DInterpolator
 
-    known = np.isfinite(found.growth)
+    known = np.isfinite(found.growth_rate)
     inside = np.ix_(known.any(axis=1), known.any(axis=0))
-    known, growth, disk = known[inside], found.growth[inside], found.disk_margin[inside]
+    known, growth, disk = known[inside], found.growth_rate[inside], found.disk_margin[inside]
     axes = [axis[places.ravel()] for axis, places in zip(found.axes, inside, strict=True)]
     rows = [np.interp(np.arange((each.size - 1) * FINER + 1) / FINER, np.arange(each.size), each) for each in axes]
     gone = np.zeros([each.size for each in rows], bool)
@@ -169,7 +169,7 @@ def describing_diagram(found: Any, axes: Any = None) -> Any:
         gains, plane = axes
         slip, force = found.units
         gains.plot(found.amplitude, found.gain, label="describing function $N$", **LINES[0])
-        plane.plot(found.linear_response.real, found.response.imag, label="$G$, slip over force", **LINES[0])
+        plane.plot(found.linear_response.real, found.linear_response.imag, label="$G$, slip over force", **LINES[0])
         needed = {each.frequency: each.gain for each in found.cycles}
         largest = float(np.nanmax(found.gain))
         if largest > 0.0:
@@ -188,7 +188,11 @@ def describing_diagram(found: Any, axes: Any = None) -> Any:
             gains.plot([each.amplitude], [needed[each.frequency]], "o", color=inside, markeredgecolor="black", zorder=4)
         if found.given_cycle:
             gains.axvline(
-                (found.given_cycle[2] - found.exact[1]) / 2, color="0.4", linestyle=":", linewidth=1.2, label="half the swing of the cycle"
+                (found.given_cycle[2] - found.given_cycle[1]) / 2,
+                color="0.4",
+                linestyle=":",
+                linewidth=1.2,
+                label="half the swing of the cycle",
             )
         top = max(largest, *needed.values(), 0.0)
         gains.set(ylim=(-0.5 * top, 2.1 * top), xlim=(0.0, np.nanmax(found.amplitude)))

@@ -19,7 +19,7 @@ def row_of_masses(contacts=4, stiffness=1e8, damping_time=1e-5):
 
 
 def slider(**options):
-    fields = {"body": row_of_masses(), "loads": (2.5,) * 4, "held": "contact.0", "damping": 500.0}
+    fields = {"body": row_of_masses(), "loads": (2.5,) * 4, "support_port": "contact.0", "damping": 500.0}
     return ElasticSlider(**fields | options)
 
 

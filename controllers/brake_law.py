@@ -153,6 +153,15 @@ class GroanBorder(NamedTuple):
     growth
         Growth q of the border with the disc speed [s/rad]. The border is forces[i] exp(growth w) for disc speeds w from
         speeds[i] to speeds[i + 1].
+
+    Examples
+    --------
+    >>> from controllers import groan_border
+    >>> from models import DiscBrake
+    >>> from toolbox import compose
+    >>> border = groan_border(compose(DiscBrake()))
+    >>> print(f"{border.at(0.0):.0f} N at standstill, {border.at(2.0):.0f} N at 2 rad/s")
+    200 N at standstill, 664 N at 2 rad/s
     """
 
     speeds: tuple[float, ...]

@@ -29,6 +29,17 @@ class OnEstimates(Observed):
     With any other observer it acts like `Observed`.
 
     Source: O. J. M. Smith, Chem. Eng. Progress 53 (1957) 217-219 (delay compensation).
+
+    Examples
+    --------
+    >>> from controllers import LQR, OnEstimates
+    >>> from controllers.observers import Kalman
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, compose, simulate
+    >>> drive = Sampled(OnEstimates(LQR(reference="60 rpm"), Kalman(), delay_samples=3), "10 ms", delay="30 ms")
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="60 kN")), "60 s", controller=drive)
+    >>> print(f"{run['estimate.bit.speed'][-1]:.2f} rad/s estimated, {run['bit.speed'][-1]:.2f} rad/s")
+    6.28 rad/s estimated, 6.28 rad/s
     """
 
     def sampled(self, signal, period):

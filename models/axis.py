@@ -58,6 +58,13 @@ class Axis(Component):
     - Contact: `rail`.
 
     All numbers are chosen. `models.axis` contains the equations and their source.
+
+    Examples
+    --------
+    >>> from models import Axis
+    >>> from toolbox import compose
+    >>> print(compose(Axis()))
+    HybridSystem(Axis): 2 states (axis.position, axis.speed); contacts: rail; inputs: axis.force [N]
     """
 
     mass: Quantity = quantity(1.0, "kg", "mass that moves", above=0)
@@ -87,6 +94,13 @@ class Joint(Component):
     - Contact: `bearing`.
 
     All numbers are chosen. `models.axis` contains the equations and their source.
+
+    Examples
+    --------
+    >>> from models import Joint
+    >>> from toolbox import compose
+    >>> print(compose(Joint()))
+    HybridSystem(Joint): 2 states (joint.angle, joint.speed); contacts: bearing; inputs: joint.torque [N m]
     """
 
     inertia: Quantity = quantity(0.1, "kg m2", "inertia that turns", above=0)

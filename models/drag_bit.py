@@ -83,6 +83,14 @@ class DragBit(Component):
 
     At rest the string needs some torque. If it has none while the wear flats carry nothing, the friction bound of the
     bit is zero.
+
+    Examples
+    --------
+    >>> from models import AxialChain, DragBit, TorsionalPendulum
+    >>> from toolbox import compose
+    >>> plant = compose(AxialChain(), TorsionalPendulum(), DragBit())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    20 states, 2 contacts
     """
 
     radius: Quantity = quantity(0.108, "m", "radius a of the bit", above=0, typical_range=(0.01, 1.0))

@@ -30,6 +30,14 @@ class ElasticRock(Component):
     Source: textbook.
 
     Stiffness and damping are chosen: they have the size of stiff rock under a bit.
+
+    Examples
+    --------
+    >>> from models import AxialChain, ElasticRock
+    >>> from toolbox import compose
+    >>> print(compose(AxialChain(), ElasticRock()))
+    HybridSystem(AxialChain, ElasticRock): 3 states (axial.stretch, axial.speed, bit.position); contacts:
+      bit.bottom; inputs: hook.speed [m/s]
     """
 
     stiffness: Quantity = quantity(1e8, "N/m", "stiffness k of the rock under the bit", above=0)

@@ -46,6 +46,14 @@ class ToolJoint:
     SceneError
         If a number is not positive and finite, the inner diameter is not below the outer diameter, or the length is not
         below the distance.
+
+    Examples
+    --------
+    >>> from models import Section, ToolJoint
+    >>> joint = ToolJoint(outer="6.625 in", inner="3.5 in", length="21 in", every="30 ft")
+    >>> pipe = Section(length="1000 m", outer="5 in", inner="4.276 in", tool_joint=joint)
+    >>> print(f"{joint.part:.3f} of the length, contact radius {pipe.contact_radius * 1e3:.1f} mm")
+    0.058 of the length, contact radius 84.1 mm
     """
 
     outer: NumberOrText

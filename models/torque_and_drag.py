@@ -55,6 +55,15 @@ class TorqueDrag(Result):
     bit_static
         Whether the string slides down to the bit, but the bit itself does not turn, because the torque that reaches it
         is below the torque of the rock.
+
+    Examples
+    --------
+    >>> from models import Section, Survey, torque_drag
+    >>> pipe = Section(length="2000 m", outer="5 in", inner="4.276 in")
+    >>> survey = Survey(depth=(0.0, 800.0, 1400.0, 2000.0), inclination=(0.0, 0.0, 1.0, 1.0), azimuth=(0.0, 0.0, 0.0, 0.0))
+    >>> found = torque_drag([pipe], survey, friction=0.25, axial_speed=-0.2)
+    >>> print(f"drag {found.drag / 1e3:.0f} kN, the whole string moves: {found.moves}")
+    drag 62 kN, the whole string moves: True
     """
 
     depth: np.ndarray

@@ -10,7 +10,9 @@ from toolbox import Component, Equations, Quantity, quantity, state
 
 @dataclass(frozen=True)
 class TorsionalPendulum(Component):
-    """One inertia on a spring under a rotary table with imposed speed: J w' = k twist + c (W - w) - c_b w - T, twist' = W - w.
+    """One inertia on a spring under a rotary table with imposed speed.
+
+        J w' = k twist + c (W - w) - c_b w - T,   twist' = W - w
 
     W is the speed of the table, w the speed of the bit, and T the torque on the bit. The model has two states.
 

@@ -40,6 +40,14 @@ class WallContact(Component):
     The defaults are chosen: they have the size of 200 m of collars on the low side of a horizontal borehole.
 
     Source: textbook (torque and drag).
+
+    Examples
+    --------
+    >>> from models import AxialChain, TorsionalChain, WallContact
+    >>> from toolbox import compose
+    >>> print(compose(AxialChain(), TorsionalChain(), WallContact()))
+    HybridSystem(AxialChain, TorsionalChain, WallContact): 5 states (axial.stretch, axial.speed, chain.twist,
+      chain.speed); contacts: wall, wall.direction; inputs: hook.speed [m/s], top.torque [N m]
     """
 
     load: Quantity = quantity(150_000.0, "N", "side force on the wall", at_least=0, typical_range=(10.0, 1e7))

@@ -113,6 +113,8 @@ class ElasticPad(Component):
         ----------
         friction
             Coefficient of friction. By default the coefficient of the friction law at the speed of the disc.
+        push
+            Force on the port `force_ports` [N].
 
         Returns
         -------
@@ -191,6 +193,8 @@ class ElasticPad(Component):
         ----------
         up_to
             Largest coefficient of friction of the search.
+        tolerance
+            Absolute tolerance of the bisection.
         """
 
         def unstable(mu: float) -> bool:

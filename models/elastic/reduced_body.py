@@ -231,10 +231,10 @@ class ReducedBody(Renamed):
             Constant normal loads [N], shape (contacts,), in place of `normal`.
         gap
             Gaps of the contacts, as for `ContactProblem`.
-        contact_positions, contact_areas
-            As for `ContactProblem`. By default the values of the body.
         pushed
             Ports on which external forces act. Each is an input of the same name [N].
+        places, areas
+            Positions of the contacts [m] and their areas [m2], as for `ContactProblem`. By default the values of the body.
 
         Returns
         -------

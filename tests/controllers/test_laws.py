@@ -405,7 +405,7 @@ def _without_integral(law):
 
 def test_inside_its_boundary_layer_s_stays():
     for width in (0.2, 0.05):
-        _, surface, _ = chatter.held(replace(chatter.laws()["explicit"], width=width), 0.01)
+        _, surface, _ = chatter.held(replace(chatter.laws()["explicit"], boundary_layer=width), 0.01)
         assert np.abs(surface).max() < width
 
 

@@ -63,7 +63,7 @@ def test_the_table_tells_what_was_asked_in_the_units_typed_and_survives_a_file(f
     assert "lowest [rpm]" in text and f"{result['SoftTorque', 'nominal'].lowest_set_point * 30 / np.pi:.3g}" in text
     assert repr(LowestSetPoints.load(result.save(tmp_path / "found.npz"))) == repr(result)
     lines = result.save(tmp_path / "found.csv").read_text().splitlines()
-    assert lines[0].startswith("controller,group,protocol,speed,why") and lines[1].startswith("SoftTorque,nominal,takeover,")
+    assert lines[0].startswith("controller,group,protocol,lowest_set_point,why") and lines[1].startswith("SoftTorque,nominal,takeover,")
     with pytest.raises(SceneError, match="nominal"):
         result["SoftTorque", "declard"]
     assert result.plot().get_xlabel().startswith("lowest set-point [rpm]")

@@ -107,7 +107,7 @@ def test_a_point_of_the_map_that_nothing_decides_does_not_hide_the_border_beside
 def test_mistakes_are_told():
     with pytest.raises(SceneError, match="at least one depth"):
         windows(well, [], LAW, OVER)
-    with pytest.raises(SceneError, match="`along` must be"):
+    with pytest.raises(SceneError, match="`second_values` must be"):
         windows(well, [2000.0], SoftTorque(reference=13.0), {**OVER, "top.reference": (12.0, 14.0)}, second_values=("7 kN",), shape=(2, 2))
     with pytest.raises(SceneError, match="or a loop without laws, but at 2000 m"):
         windows(lambda depth: closed_loop(well(depth), LAW), [2000.0], LAW, OVER)

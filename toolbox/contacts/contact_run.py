@@ -213,7 +213,8 @@ class ContactRun(Renamed):
     def save(self, path: str | Path) -> Path:
         """Write the run to a compressed npz file without pickle, which `load` reads, or to a table where the path ends with .csv; whole or not at all.
 
-        Keys: the arrays of the attributes by their names; `contact_areas` and, if they are known, `contact_positions`; `output.<name>`, `output.<name>.speed` and `input.<name>`; `energy.<word>` for those of `energy`;
+        Keys: the arrays of the attributes by their names; `contact_areas` and, if they are known, `contact_positions`;
+        `output.<name>`, `output.<name>.speed` and `input.<name>`; `energy.<word>` for those of `energy`;
         `run` (JSON) and the arrays it names for the problem.
         """
         path = Path(path)
@@ -343,7 +344,10 @@ class ContactRun(Renamed):
         return {f"tangential {i}": self.tangential[:, :, i].sum(axis=1) for i in range(self.problem.directions)}
 
     def plot_map(self, time: NumberOrText | None = None, values: str = "mode", ax: Any = None) -> Any:
-        """Draw the face at an instant [s], by default at the end: values "mode", "pressure", "traction" or "friction_work" of every contact; returns the axes."""
+        """Draw the face at an instant [s], by default at the end: values "mode", "pressure", "traction" or "friction_work" of every contact.
+
+        Returns the axes.
+        """
         from toolbox.contacts.figures import draw_field, draw_modes
 
         if self.problem.contact_positions is None:

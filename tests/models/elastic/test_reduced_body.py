@@ -111,8 +111,8 @@ def test_every_damaged_byte_of_a_file_is_seen_or_harmless(tmp_path):
 
 
 def test_a_file_keeps_places_and_areas_of_contacts_and_one_triangle_of_symmetric_matrices(tmp_path):
-    body = replace(chain(), places=[[0.0, 1.0]], areas=[2e-6])
-    assert body != chain() and replace(chain(), areas=[2e-6]) != chain()
+    body = replace(chain(), contact_positions=[[0.0, 1.0]], contact_areas=[2e-6])
+    assert body != chain() and replace(chain(), contact_areas=[2e-6]) != chain()
     again = ReducedBody.load(body.save(tmp_path / "chain.npz"))
     assert again == body and np.array_equal(again.contact_positions, [[0.0, 1.0]]) and np.array_equal(again.contact_areas, [2e-6])
     with np.load(tmp_path / "chain.npz") as data:

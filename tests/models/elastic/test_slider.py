@@ -94,7 +94,7 @@ def test_the_last_row_of_the_published_cube_slips_with_the_rigid_slider():
     ("changes", "words"),
     [
         ({"loads": (1.0, 2.0)}, "4 entries"),
-        ({"held": "back"}, "no port `back`"),
+        ({"support_port": "back"}, "no port `back`"),
         ({"body": None}, "ReducedBody"),
         ({"loads": (-1.0, 1.0, 1.0, 1.0)}, ">= 0"),
         ({"friction": Coulomb(0.1, 0.2)}, "kinetic"),

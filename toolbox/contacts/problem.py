@@ -133,7 +133,7 @@ class ContactProblem(Renamed):
         if not isinstance(self.friction, FrictionLaw):
             raise SceneError(f"Argument `friction` must be a friction law such as Coulomb(), but it is {self.friction!r}.")
         check_fields(self.friction)
-        if self.friction.breaks() or self.friction.memory(2):
+        if self.friction.break_speeds() or self.friction.memory(2):
             raise SceneError(
                 "Argument `friction` must be a law without breaks, which time stepping does not locate, and without memory, which it has not."
             )

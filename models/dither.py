@@ -73,13 +73,17 @@ class TangentialDither(NamedTuple):
 
 
 def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency: float, *, drag: float = 0.0) -> TangentialDither:
-    """Find the smallest dither along the slip under which friction no longer falls with speed at the mean slip v.
+    """Find the smallest dither along the slip under which friction no longer falls with speed at the mean slip speed v.
 
         N d mu_eff/dv (v; B) + drag >= 0,    mu_eff as in `averaged_friction`,    force = 2 pi frequency B / A
 
-    N is the load of the contact at rest and at the defaults of the inputs, A the acceleration of its slip per unit of
-    force. Constant kinetic friction needs no dither: B = 0. For falling friction B is close to v, because the slip
-    must change direction in every cycle. B is found to a relative 1e-3 between 0.01 v and 100 v.
+    B is the velocity amplitude of the dither. N is the load of the contact at rest and with the default inputs. A is
+    the acceleration of the slip per unit of force.
+
+    - Constant kinetic friction needs no dither: B = 0.
+    - For falling friction B is close to v, because the slip must change direction in every cycle.
+
+    B is found with a relative error of 1e-3, between 0.01 v and 100 v.
 
     Parameters
     ----------
@@ -88,11 +92,11 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     contact
         Name of the contact.
     slip
-        Mean slip v > 0.
+        Mean slip speed v > 0.
     frequency
         Frequency of the dither [Hz], far above the frequencies to which the plant responds.
     drag
-        Viscous drag that helps, of the slip against the force of the contact.
+        Viscous drag that acts in addition to the friction [force of the contact per unit of slip speed].
 
     Returns
     -------

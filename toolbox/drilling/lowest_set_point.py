@@ -379,15 +379,19 @@ def lowest_set_point(
     callback: Callable[[str], None] | None = None,
     executor: concurrent.futures.Executor | None = None,
 ) -> LowestSetPoints:
-    """Find the lowest set-point at which a controller ends existing stick-slip, on the nominal drill string and on
-    others.
+    """Find the lowest set-point at which a controller ends existing stick-slip, on the nominal drill string and on groups of other strings.
 
-    The initial controller has the string in stick-slip at the set-point. Then the controller of the loop takes over
-    at 8 phases of this cycle. In the protocol `takeover` the set-point stays as it is; in the protocol `ramp` it is
-    raised to 12 rad/s and lowered again. The takeover succeeds if, 80 s later, the bit does not stick, the mean speed
-    is within 2 % of the set-point, and the torque neither oscillates nor stays at a limit. The border is found by
-    bisection and confirmed at three set-points above it. At the border it is also confirmed for half an hour, and
-    smooth running must be stable on every plant of the group.
+    Each test begins in the stick-slip that the initial controller has at the set-point. The controller of the loop
+    takes over at 8 phases of this cycle.
+
+    - Protocol `takeover`: the set-point stays constant.
+    - Protocol `ramp`: the set-point is raised to 12 rad/s and lowered again.
+
+    A test succeeds if, 80 s later, three conditions hold: the bit does not stick, the mean speed is within 2 % of the
+    set-point, and the torque neither oscillates nor stays at a limit.
+
+    The border is found by bisection and confirmed at three set-points above it. At the border it is also confirmed by a
+    run of half an hour, and smooth running must be stable on every plant of the group.
 
     Parameters
     ----------
@@ -397,20 +401,26 @@ def lowest_set_point(
     initial_controller
         The controller whose stick-slip is taken over, such as `StiffPI()`. Its `reference` follows the set-point.
     groups
-        Names of groups, or groups of your own: `nominal` (without noise), `noisy` (weight + 10 %, 20 seeds of noise),
-        `one_at_a_time` (one deviation of 10 or 20 % on each plant, and delayed commands), `combined` (three
-        deviations at once), `other_rocks` (half the decay of the friction with speed), `varying_weight` (noise of 2
-        and 5 %, a sine of 5 % at 0.17 Hz, a heave of 10 % at 0.1 Hz, ten time series of each). The noise is the noise
-        of the loop on `top.speed`, or 0.01 rad/s. `other_rocks` is left out for another friction law. Commands come
-        30 ms later on one plant of `one_at_a_time`; `machine_groups(loop, delay=...)` of `toolbox.robustness` gives
-        the groups with another delay.
+        Names of groups, or groups of your own:
+
+        - `nominal`: without noise.
+        - `noisy`: weight + 10 %, 20 seeds of noise.
+        - `one_at_a_time`: one deviation of 10 or 20 % on each plant, and delayed commands.
+        - `combined`: three deviations at once.
+        - `other_rocks`: half the decay of the friction with speed. This group is left out for another friction law.
+        - `varying_weight`: noise of 2 and 5 %, a sine of 5 % at 0.17 Hz, and a heave of 10 % at 0.1 Hz, with ten time
+          series each.
+
+        The noise is the noise of the loop on `top.speed`, else 0.01 rad/s. On one plant of `one_at_a_time` the commands
+        are delayed by 30 ms more. `machine_groups(loop, delay=...)` of `toolbox.robustness` gives the groups with
+        another delay.
     protocols
         `takeover`, `ramp` or both.
     bounds
         Range of set-points [rad/s].
     step
-        Distance of neighbouring set-points [rad/s]. If the highest set-point does not hold, lower set-points are
-        tried in steps of 1 rad/s. So a window of set-points that hold is found if it is wider than 1 rad/s.
+        Distance of neighbouring set-points [rad/s]. If the test fails at the highest set-point, lower set-points are
+        tried in steps of 1 rad/s. So a window of successful set-points is found if it is wider than 1 rad/s.
     long_run
         Whether a border is confirmed for half an hour.
     checkpoint
@@ -418,26 +428,26 @@ def lowest_set_point(
     callback
         Function that is called with a line of text for every new outcome.
     executor
-        Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`), which does the
-        runs at a set-point side by side. By default one thread per core, and one run after the other for a controller
-        in Python.
+        Any `concurrent.futures.Executor`, such as the executor of a Dask client (`client.get_executor()`), which
+        computes the runs at a set-point in parallel. By default one thread per core. For a controller in Python, by
+        default one run after the other.
 
     Returns
     -------
     LowestSetPoints
-        The border of each group and protocol, the reason for failure below it, the disk margins at it, and the cost
-        of the recovery.
+        The border of each group and protocol, the reason for failure below it, the disk margins at it, and the cost of
+        the recovery.
 
     Raises
     ------
     SceneError
-        If the loop is no drill string with one sampled controller, a group or a protocol is unknown, a number is not
+        If the loop is not a drill string with one sampled controller, a group or a protocol is unknown, a number is not
         finite or out of range, or a controller cannot be sent to an executor.
 
     Notes
     -----
-    The numbers hold for the nominal plant, noise and seeds. A controller in Python begins at rest, and is hundreds
-    of times slower.
+    The results hold for the nominal plant, noise and seeds. A controller in Python begins at rest. Its search is
+    hundreds of times slower.
 
     Examples
     --------

@@ -13,13 +13,19 @@ from toolbox import Quantity, SceneError, quantity
 
 @dataclass(frozen=True)
 class ActiveDamping(TorqueLimits):
-    """Feedback that makes the drive a tuned absorber of the bit: u = k_f int e dt + (c_f - c_r) e, with four poles in two equal pairs.
+    """Speed controller that makes the drive a tuned vibration absorber of the bit: u = k_f int e dt + (c_f - c_r) e.
 
-        k_f = k J_2 / J_1,   c_f = 2 sqrt(J_1 / J_2) om J_2,   om = sqrt(k / J_1)      (1 = below the drive, 2 = drive)
+        k_f = k J_2 / J_1,   c_f = 2 sqrt(J_1 / J_2) om J_2,   om = sqrt(k / J_1)
+        1: inertia below the drive, 2: inertia of the drive, k: stiffness of all springs in series, e = reference - top speed
 
-    Without drag and rock the characteristic polynomial is then J_2 / J_1 (s^2 + sqrt(J_1 / J_2) om s + om^2)^2: no other k_f, c_f damps the less
-    damped pair more. `design` reads k (all springs in series), J_1 (all below), J_2 and the drag c_r of the drive from `chain` and returns a PI
-    law. Source: J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668.
+    With these gains the four poles of the string and the drive form two equal pairs. Without drag and rock the
+    characteristic polynomial is J_2 / J_1 (s^2 + sqrt(J_1 / J_2) om s + om^2)^2. No other gains k_f and c_f give the
+    less damped pair more damping.
+
+    `design` reads k, J_1, J_2 and the drag c_r of the drive from the plant (`chain`) and returns a `PI` with these
+    gains.
+
+    Source: J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668.
 
     Examples
     --------
@@ -35,12 +41,30 @@ class ActiveDamping(TorqueLimits):
 
     @staticmethod
     def gains(stiffness: float, below: float, drive: float) -> tuple[float, float]:
-        """(k_f [N m/rad], c_f [N m s/rad]) for a spring [N m/rad] between the inertias below and of the drive [kg m2]."""
+        """Compute the gains for a two-inertia string.
+
+        Parameters
+        ----------
+        stiffness
+            Stiffness k of the spring [N m/rad].
+        below
+            Inertia J_1 below the drive [kg m2].
+        drive
+            Inertia J_2 of the drive [kg m2].
+
+        Returns
+        -------
+        float, float
+            k_f [N m/rad] and c_f [N m s/rad].
+        """
         om = float(np.sqrt(stiffness / below))
         return stiffness * drive / below, 2.0 * float(np.sqrt(below / drive)) * om * drive
 
     def design(self, plant):
-        """The PI law with these gains."""
+        """Return the `PI` with the gains for this plant.
+
+        Raises SceneError if the plant has no chain of inertias, or if the drag of the drive is not below c_f.
+        """
         try:
             inertia, stiffness, drag = (plant.parameter(f"chain.{name}") for name in ("inertia", "stiffness", "top_drag"))
         except SceneError as error:

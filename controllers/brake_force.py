@@ -10,10 +10,16 @@ from toolbox import Update
 
 @dataclass(frozen=True, kw_only=True)
 class BrakeForce(BrakeLaw):
-    """The constant force of the plan, N = N_p: the comparison against which the other brake laws are judged. With a `margin` it is eased towards standstill.
+    """Brake controller with the constant force of the plan, N = N_p: the baseline for the other brake controllers.
 
-    Eased, the wheel slows down from w_e = ln(N_p / (margin N_0)) / q on as w' = -(2 mu r margin N_0 / I) exp(q w), and the rest of the stop takes (1 - exp(-q
-    w_e)) I / (2 mu r margin N_0 q) instead of w_e I / (2 mu r N_p).
+    With a `margin` the force is reduced before standstill, so that it stays below `margin` times the force above which
+    the pad groans. The border of groan is N_0 exp(q w) at the disc speed w. The reduction begins at the speed w_e, and
+    the disc then slows down as
+
+        w' = -(2 mu r margin N_0 / I) exp(q w),   w_e = ln(N_p / (margin N_0)) / q
+
+    From w_e to standstill the disc takes the time (1 - exp(-q w_e)) I / (2 mu r margin N_0 q). Without the margin it
+    would take w_e I / (2 mu r N_p).
 
     Examples
     --------

@@ -142,14 +142,34 @@ def last_force() -> State:
 
 
 class GroanBorder(NamedTuple):
-    """The force of one pad above which it groans: forces[i] exp(growth w) [N] at disc speeds w from speeds[i] to speeds[i + 1] [rad/s]; inf for no border."""
+    """Border of groan of a disc brake: the force of one pad above which the pad groans, as a function of the disc speed.
+
+    Attributes
+    ----------
+    speeds
+        Disc speeds at which the pieces of the border begin [rad/s], ascending, the first 0.
+    forces
+        Force of each piece [N]. inf if the pad does not groan at any force.
+    growth
+        Growth q of the border with the disc speed [s/rad]. The border is forces[i] exp(growth w) for disc speeds w from
+        speeds[i] to speeds[i + 1].
+
+    Examples
+    --------
+    >>> from controllers import groan_border
+    >>> from models import DiscBrake
+    >>> from toolbox import compose
+    >>> border = groan_border(compose(DiscBrake()))
+    >>> print(f"{border.at(0.0):.0f} N at standstill, {border.at(2.0):.0f} N at 2 rad/s")
+    200 N at standstill, 664 N at 2 rad/s
+    """
 
     speeds: tuple[float, ...]
     forces: tuple[float, ...]
     growth: float = 0.0
 
     def at(self, speed: float) -> float:
-        """Return the border [N] at a disc speed [rad/s]; the higher piece holds at a kink."""
+        """Return the border [N] at a disc speed [rad/s] >= 0. At a speed where two pieces meet, the piece of the higher speeds holds."""
         piece = int(np.searchsorted(self.speeds, number("speed", speed, "rad/s", at_least=0), side="right")) - 1
         return self.forces[piece] * math.exp(self.growth * speed)  # growth is 0 where a piece has no border
 
@@ -162,10 +182,14 @@ class GroanBorder(NamedTuple):
 
 
 def groan_border(plant: HybridSystem) -> GroanBorder:
-    """Find the force of one pad above which the pad of a disc brake loses its damping, over the disc speed.
+    """Find the force of one pad above which the pad of a disc brake loses its damping, as a function of the disc speed.
 
-    Below the border the pad keeps its damping, 2 N s(r w) < c; s is the fall of the declared friction with slip speed. Exact for exponential friction and for
-    tables; for any other law without breaks, and for two pads with different friction, the lowest border within each cell of speed, up to 30 rad/s.
+    The pad keeps its damping while 2 N s(r w) < c. Here s is the decrease of the friction coefficient per unit of slip
+    speed, r the effective radius, w the disc speed and c the damping of the caliper.
+
+    - For exponential friction and for tables the border is exact.
+    - For any other friction law without breaks, and for two pads with different friction, the result is the lowest
+      border within each cell of a grid of speeds up to 30 rad/s.
 
     Parameters
     ----------
@@ -175,12 +199,12 @@ def groan_border(plant: HybridSystem) -> GroanBorder:
     Returns
     -------
     GroanBorder
-        Speeds [rad/s] at which the border changes, and the border [N] from each of them on.
+        Speeds [rad/s] at which the border changes, and the border [N] from each of these speeds on.
 
     Raises
     ------
     SceneError
-        If the plant has no pad, its law of friction has breaks or a memory, or friction nowhere falls with speed.
+        If the plant has no pad, its friction law has breaks or a memory, or friction nowhere falls with speed.
 
     Examples
     --------
@@ -192,8 +216,7 @@ def groan_border(plant: HybridSystem) -> GroanBorder:
     Border of groan, force of one pad
          0.000 to    2.000 rad/s  800.0 N
          2.000 to    5.000 rad/s  900.0 N
-         5.000 to   10.000 rad/s  no border
-        10.000 to      inf rad/s  no border
+         5.000 to      inf rad/s  no border
     """
     try:
         law = plant.element("pad").law

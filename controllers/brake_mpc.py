@@ -18,17 +18,28 @@ from toolbox.modelling import OptionalQuantity, Remembering
 
 @dataclass(frozen=True, kw_only=True)
 class BrakeMPC(BrakeLaw):
-    """Predictive control of a stop: plans `horizon` forces so that speed and angle follow the plan, within the limits and below the force at
-    which the pad groans.
+    """Model predictive control of a stop, below the force at which the pad groans.
+
+    In each sample the controller plans `horizon` forces so that speed and angle of the disc follow the plan of the
+    stop:
 
         n_(k+1) = n_k + alpha (u_k - n_k),   w_(k+1) = w_k - (2 r mu h / I) n_(k+1),   z_(k+1) = z_k + h (w_(k+1) - w_p)
         min sum_k ((w_k - w_p) / speed_size)^2 + (z_k / angle_size)^2 + ((u_k - u_(k-1)) / move_size)^2 + violation_cost (excess + excess^2 / 2)
-        n_k <= margin N(w_k) + excess,   lowest <= u_k <= highest,   |u_k - u_(k-1)| <= force_rate h
+        n_k <= margin N(w_k) + excess,   lowest_force <= u_k <= highest_force,   |u_k - u_(k-1)| <= force_rate h
 
-    alpha = 1 - exp(-h / lag) of the actuator, whose `lag` is read from the plant; mu = T / (2 r n), averaged over `filter_time`. The border of groan
-    N(w) = N_0 exp(q w) is convex in the speed; its tangents at the last prediction stand for it, which lie below it. Of a border in pieces, as that of a
-    table, the piece of the speed last predicted stands for it. Because it sees the border ahead, the law brakes harder before it has to ease. An answer that
-    fails its KKT conditions is not used: the last plan goes on. `run.laws[0].record` has times and fallbacks. Sampled only, at `period`.
+    - u is the command, n the force of one pad, w the speed of the disc, w_p the planned speed, z the error of the
+      angle, and h the sample time `period`.
+    - alpha = 1 - exp(-h / lag). The time constant `lag` of the actuator is read from the plant if it is not given.
+    - mu = T / (2 r n) is the measured coefficient of friction, averaged over `filter_time`. T is the brake torque.
+    - N(w) is the border of groan. A border N_0 exp(q w) is convex in w. The program uses its tangents at the last
+      prediction, which lie below the border. A border that is constant in pieces, for example from a friction table, is
+      taken at the speed of the last prediction.
+
+    The controller predicts the border, so it brakes harder before it must reduce the force.
+
+    A solution that does not satisfy its KKT conditions is rejected, and the controller continues with its last plan.
+    `run.controllers[0].record` holds computing times and fallbacks. The controller is sampled only, with the sample
+    time `period`.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
@@ -53,7 +64,7 @@ class BrakeMPC(BrakeLaw):
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 
     def design(self, plant: HybridSystem) -> PlannedStop:
-        """The callable law for the plant."""
+        """Return the controller for this plant as a callable (t, y) -> force with a memory."""
         check_fields(self)
         lag = self.lag
         if lag is None:

@@ -11,10 +11,16 @@ from toolbox import Quantity, Update, quantity
 
 @dataclass(frozen=True, kw_only=True)
 class BrakePI(BrakeLaw):
-    """PI on the deceleration, the plan fed forward: N = N_p [1 + (proportional e + integral int e dt) / deceleration], e = deceleration - T / I.
+    """PI control of the deceleration with feedforward of the planned force.
 
-    The deceleration is read from the brake torque T; its integral is the speed in excess of the plan, w - w_p, which is measured and does not drift. The
-    torque answers within the sample: with e of one sample acting on the next, `proportional` must stay below 1 for the loop to converge.
+        N = N_p [1 + (proportional e + integral int e dt) / deceleration],   e = deceleration - T / I
+
+    N_p is the planned force of one pad, T the measured brake torque and I the inertia. T / I is the deceleration of the
+    disc, so the integral of e equals w - w_p, the disc speed minus the planned speed. Both speeds are known, so the
+    integral does not drift.
+
+    The brake torque follows the command within one sample. The error of one sample therefore acts on the next one, and
+    the loop converges only if `proportional` is below 1.
 
     Examples
     --------

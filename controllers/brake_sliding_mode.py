@@ -23,10 +23,16 @@ from toolbox import Quantity, Update, quantity, state
 
 @dataclass(frozen=True, kw_only=True)
 class BrakeSlidingMode(BrakeLaw):
-    """Sliding mode with a boundary layer on the speed of the disc, with the friction read off force and torque; see the module.
+    """Sliding-mode control of the disc speed with a boundary layer, robust to the friction of the pads.
 
-    The quotient T / (2 r N) is kept between a half and twice the expected friction and averaged over `filter_time` (0: the last sample alone).
-    Discretised implicitly, sgn(s_(k+1)) = sat(s_k / (eta period)): the layer is never thinner than eta times the period, and nothing chatters.
+        s = e + lam int e dt,  e = w - w_p;    N = I [deceleration + lam e + eta sat(s / width)] / (2 r mu),    mu = T / (2 r N)
+
+    w is the disc speed, w_p the planned speed, T the measured brake torque and N the force of one pad. The coefficient
+    of friction mu is measured: it is limited to 0.5 to 2 times the expected `friction` and averaged over `filter_time`.
+    With `filter_time` 0 it is the value of the last sample.
+
+    The sign function is discretised implicitly, sgn(s_(k+1)) = sat(s_k / (eta period)). The boundary layer is therefore
+    never thinner than eta times the period, and the force does not chatter.
 
     Examples
     --------

@@ -69,7 +69,13 @@ class LoadDither(Controller):
 
 @dataclass(frozen=True, kw_only=True)
 class NormalDither(LoadDither):
-    """Sine of one frequency: wave = sin(2 pi frequency t). Continuous or sampled.
+    """Sinusoidal dither of a normal load with one frequency: load = mean (1 + depth sin(2 pi frequency t)).
+
+    - `load` is the input that is driven (default `bit.weight`). `mean` is its declared value unless given.
+    - With `over` the dither is added to the force that another controller commands: `load` gets depth sin(2 pi
+      frequency t) times the signal `over`.
+
+    Continuous or sampled.
 
     Examples
     --------
@@ -85,7 +91,7 @@ class NormalDither(LoadDither):
     frequency: Quantity = quantity(1.0, "Hz", "frequency of the dither", above=0)
 
     def wave(self) -> Any:
-        """The wave at this instant."""
+        """Return the wave at the present time, between -1 and 1, as an expression."""
         return ca.sin(2.0 * ca.pi * self.frequency * time)
 
     def continuous(self, signal):
@@ -97,7 +103,9 @@ class NormalDither(LoadDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SquareDither(NormalDither):
-    """Square wave, +1 in the first half of every period; sampled only, so that its jumps fall on samples. As an input: `toolbox.inputs.square`.
+    """Square-wave dither of a normal load: +1 in the first half of every period, -1 in the second half.
+
+    Sampled only, so that the jumps are at samples. `toolbox.inputs.square` is the same wave as an input.
 
     Examples
     --------
@@ -119,7 +127,9 @@ class SquareDither(NormalDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SweptDither(NormalDither):
-    """Sine whose frequency swings by `span` about `frequency` within every `sweep_time`: f(t) = frequency + span sin(2 pi t / sweep_time).
+    """Sinusoidal dither of a normal load with a varying frequency: f(t) = frequency + span sin(2 pi t / sweep_time).
+
+    The frequency varies by `span` above and below `frequency`, with the period `sweep_time`.
 
     Examples
     --------
@@ -145,10 +155,16 @@ class SweptDither(NormalDither):
 
 @dataclass(frozen=True, kw_only=True)
 class PhasedDither(LoadDither):
-    """Load phased with the slip: wave = clip((v - reference) / size, -1, 1), v the signal `speed`. Continuous or sampled.
+    """Dither of a normal load in phase with the slip speed: load = mean (1 + depth clip((v - reference) / size, -1, 1)).
 
-    size < 0 where the contact slips slower while the signal rises, as a block on a belt that moves with it. `unit` is that of the plant's signal `speed`
-    unless given.
+    v is the signal `speed`. The load is higher while the contact slips faster than on average, so friction rises with
+    speed.
+
+    - `size` is the deviation of v at which the full depth is reached. It is negative if the slip speed falls while v
+      rises. Example: a block on a moving belt, whose slip speed falls while the block moves with the belt.
+    - `unit` is by default the unit of the signal `speed` in the plant.
+
+    Continuous or sampled.
 
     Examples
     --------
@@ -168,7 +184,7 @@ class PhasedDither(LoadDither):
 
     @property
     def measured_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The speed, and the force that the dither rides on."""
+        """Names of the measured signals: the speed and, with `over`, the force to which the dither is added."""
         return (self.speed,) if self.over is None else (self.speed, self.over)
 
     def check(self):
@@ -176,7 +192,7 @@ class PhasedDither(LoadDither):
             raise SceneError("Argument `size` must not be 0.")
 
     def design(self, plant: HybridSystem) -> Any:
-        """Return the controller with the mean load, and with the unit of the speed if they are not given."""
+        """Return the controller with the mean load and the unit of the speed from the plant, if they are not given."""
         law = super().design(plant)
         return law if self.unit is not None else replace(law, unit=plant.unit(self.speed))
 
@@ -282,23 +298,28 @@ def dither_map(
     offset: float = 0.0,
     **arguments: Any,
 ) -> DitherMap:
-    """Map the amplitude of a signal under an alternating load, load = mean (1 + depth sin) - offset, by simulation.
+    """Map the amplitude of a signal over frequency and depth of an alternating load, by simulation.
 
-    Each run lasts `periods` natural periods, of which the second half counts. The map judges a speed that is held: of a machine that dither may stop, such as a
-    brake under a drive torque, hold the speed by `controller=HeldSpeed(reference=...)`. Points at which the contact stands are never recommended.
+    The load is mean (1 + depth sin) - offset. Each run lasts `periods` natural periods, and its second half is
+    evaluated.
+
+    The map is valid for a machine whose mean speed is held constant. If the dither could stop the machine, hold its
+    speed with `controller=HeldSpeed(reference=...)`. An example is a brake under a drive torque. Points at which the
+    contact stands still are never recommended.
 
     Parameters
     ----------
     plant
         The plant.
     load
-        Name of the input that alternates. Give an actuator as part of the plant and its command as load, to see what arrives of the dither.
+        Name of the input that alternates. To include the dynamics of an actuator, make the actuator part of the plant
+        and give its command as load.
     mean
-        Its mean, in SI.
+        Mean of the load, in SI.
     natural
         Natural frequency [Hz], the unit of `ratios`.
     contact, signal
-        Names of the contact that is judged and of the signal whose amplitude is mapped.
+        Names of the contact that is evaluated and of the signal whose amplitude is mapped.
     ratios
         Frequencies of the alternation as multiples of `natural`.
     depths
@@ -313,12 +334,12 @@ def dither_map(
     Returns
     -------
     DitherMap
-        The amplitude at every frequency and depth; it prints as a table.
+        The amplitude at every frequency and depth. It prints as a table.
 
     Raises
     ------
     SceneError
-        If `mean` or `natural` is not positive, or the plant is calm without dither.
+        If `mean` or `natural` is not positive, or if the signal does not vibrate without dither.
 
     Examples
     --------

@@ -18,20 +18,33 @@ from toolbox.modelling import OptionalQuantities, OptionalQuantity
 
 @dataclass(frozen=True)
 class HInfinity(TorqueLimits):
-    """The H-infinity law from the top speed to the torque: it minimises the worst gain from disturbances to weighted errors.
+    """H-infinity controller of the top drive from the top speed: it minimises the worst-case gain from disturbances to errors.
 
         u = u_0 + K(s) (1 + integrator_leak / s) (w_top - reference)
         || (T_bit / disturbance_scale, n / speed_noise) -> (w_bit / bit_speed_scale, z / angle_scale, u / torque_scale) || < gamma
 
-    z is the error of the top speed through 1 / (s + integrator_leak), because with a true integral no law keeps the norm: a constant error of the measured
-    speed would count without end. So K alone leaves an error under a load that it does not know; the factor 1 + integrator_leak / s, outside of the norm,
-    makes an integral of its slowest pole and changes nothing above that.
+    - T_bit is a disturbance of the bit torque, n the error of the measured top speed, u_0 the torque at the operating
+      point.
+    - z is the error of the top speed filtered with 1 / (s + integrator_leak). A true integral is not possible here: a
+      constant measurement error would make it grow without bound, so no controller would have a finite norm.
+    - K alone leaves a steady speed error under an unknown load. The factor 1 + integrator_leak / s, which is not part
+      of the norm, turns the slowest pole of K into an integrator. It changes nothing at frequencies well above
+      `integrator_leak`.
 
-    `design` linearises the plant with the bit sliding at `reference`, finds the smallest norm that any law reaches, and takes the central law for `norm_factor`
-    times that: it is better conditioned than the optimum. Its states are an observer of the string under the worst disturbance; with torque limits the observer
-    gets the torque that is given, and the integral waits while the torque is cut. Sampled, states and integral begin at rest under the torque that acts
-    (`controllers.bumpless`). Source: J. C. Doyle, K. Glover, P. P. Khargonekar, B. A. Francis, IEEE Trans. Automatic Control 34 (1989) 831-847. Range: near the
-    operating point.
+    `design` does three steps:
+
+    1. It linearises the plant with the bit sliding at `reference`.
+    2. It finds the smallest norm that any controller reaches.
+    3. It returns the central controller for `norm_factor` times that norm, because this controller is better
+       conditioned than the optimal one.
+
+    The states of K are an observer of the string under the worst disturbance. With torque limits the observer uses the
+    limited torque, and the integral stops while the torque is limited (anti-windup). In the sampled form states and
+    integral are initialised at steady state under the present torque (bumpless start, `controllers.bumpless`).
+
+    Range of validity: near the operating point.
+
+    Source: J. C. Doyle, K. Glover, P. P. Khargonekar, B. A. Francis, IEEE Trans. Automatic Control 34 (1989) 831-847.
 
     Examples
     --------
@@ -40,8 +53,9 @@ class HInfinity(TorqueLimits):
     >>> from toolbox import closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), HInfinity(reference="60 rpm")))
     Closed loop: TorsionalChain, BitRock
-      HInfinity, continuous: reference 60 rpm, bit_size 19.1 rpm, angle_size 8 rad, torque_size 3000 N m, disturbance 1000 N m, speed_noise
-        0.2865 rpm, leak 0.005 1/s, margin 1.2, torque 10546 N m, worst 2.468
+      HInfinity, continuous: reference 60 rpm, bit_speed_scale 19.1 rpm, angle_scale 8 rad, torque_scale 3000 N m,
+        disturbance_scale 1000 N m, speed_noise 0.2865 rpm, integrator_leak 0.005 1/s, norm_factor 1.2, operating_torque
+        10546 N m, gamma 2.468
     """
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
@@ -96,7 +110,16 @@ class HInfinity(TorqueLimits):
         )  # fmt: skip
 
     def check_period(self, period):
-        """Raise SceneError if the samples are too far apart for the steps of K, free or cut by its limits: decaying poles would grow."""
+        """Raise SceneError if the sample time is too long.
+
+        The states of K move by one Runge-Kutta step per sample. If the sample time is too long, states that should
+        decay grow. This is checked with and without active torque limits.
+
+        Parameters
+        ----------
+        period
+            Sample time [s].
+        """
         if self.controller_matrices is None:
             return
         n = self.order

@@ -12,13 +12,22 @@ from toolbox.modelling import OptionalQuantity
 
 @dataclass(frozen=True)
 class HeldSpeed(Controller):
-    """PI of the speed of the disc with the poles of s^2 + 2 zeta om s + om^2, om = 2 pi frequency: T = I (2 zeta om e + om^2 int e dt), e = reference - w.
+    """PI control of the disc speed, so that a brake can be tested at constant speed, as on a test bench.
 
-    A stop passes the speeds at which a pad groans in a few seconds, and has no steady running of which one could say that it is stable. On a bench whose drive
-    holds the speed it has. The frequency must be far below that of the pad, so that the drive does not damp what is looked at, and the inertia far above its
-    own, so that the disc hardly feels the pad. `design` reads `disc.inertia` of the plant.
+        T = I (2 zeta om e + om^2 int e dt),   e = reference - w,   om = 2 pi frequency
 
-    - Needs the signals `disc.speed` [rad/s] and `disc.reference` [rad/s] (default: the field `reference`).
+    The gains place the poles of a disc with inertia I at the roots of s^2 + 2 zeta om s + om^2. `design` reads I
+    (`disc.inertia`) from the plant.
+
+    Why: a stop passes the speeds at which a pad groans in a few seconds. It has no steady state whose stability could
+    be analysed. A drive that holds the speed gives such a steady state. Choose
+
+    - the frequency far below the frequency of the pad, so that the drive does not damp the vibration under test;
+    - the inertia of the disc far above the inertia of the pad, so that the pad hardly changes the disc speed.
+
+    Signals:
+
+    - Needs `disc.speed` [rad/s] and `disc.reference` [rad/s] (default: the field `reference`).
     - Gives `disc.torque` [N m].
 
     Source: textbook (pole placement).

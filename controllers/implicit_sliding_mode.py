@@ -12,16 +12,28 @@ from toolbox import Quantity, Update, quantity, state
 
 @dataclass(frozen=True)
 class ImplicitSlidingMode(SlidingSurface):
-    """The sliding mode of `SlidingMode` discretised implicitly: s_(k+1) = s_k - period eta sgn(s_(k+1)), sgn the set-valued sign.
+    """Sliding-mode control for sampled drives, discretised implicitly so that the torque does not chatter.
 
-        u = u_eq + J_r (Om' - d) - J_r eta sgn,   sgn(s_(k+1)) = clip(s_k / (eta period), -1, 1)
-        d_(k+1) = d_k + learning s_k / period      while the sign is inside its clip and the torque inside its limits
+        s_(k+1) = s_k - period eta sgn(s_(k+1)),   sgn(s_(k+1)) = clip(s_k / (eta period), -1, 1)
+        u = u_eq + J_r (Om' - d) - J_r eta sgn(s_(k+1))
+        d_(k+1) = d_k + adaptation_gain s_k / period      if sgn is inside its clip and the torque inside its limits
 
-    reaches s = 0 exactly in finitely many samples and then gives the equivalent control; the explicit sign chatters with eta times the period. Without d, an
-    acceleration that the model lacks, such as that of a wrong drag, leaves s at the period times it, of first order. d learns it, so that what is left
-    is its change, of second order. The rate Om' of the set-point is taken from its last two values; both are cut at eta. Sampled only. Source: V. Acary, B.
-    Brogliato, Syst. Control Lett. 59 (2010) 284-293 (implicit Euler simulation and discretisation of sliding mode systems); d and Om' are choices of this
-    file.
+    The surface s and the equivalent control u_eq are the surface and the equivalent control of `SlidingMode`, sgn is
+    the set-valued sign, and eta is the field `reaching_rate`.
+
+    - The controller reaches s = 0 exactly in finitely many samples and then gives the equivalent control. An explicit
+      sign would chatter with eta times the period.
+    - d is an estimate of an acceleration that is missing in the model, for example because of a wrong drag. Without d
+      such an acceleration a leaves s = period a, an error of first order in the period. With d the remaining error
+      depends on the change of a only and is of second order.
+    - Om' is the rate of the set-point, from its last two values. Om' and d are limited to eta.
+
+    Sampled only.
+
+    Source: V. Acary, B. Brogliato, Syst. Control Lett. 59 (2010) 284-293 (implicit Euler simulation and discretisation
+    of sliding mode systems).
+
+    The terms with d and Om' are choices of this toolbox.
 
     Examples
     --------
@@ -30,7 +42,8 @@ class ImplicitSlidingMode(SlidingSurface):
     >>> from toolbox import Sampled, closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(ImplicitSlidingMode(reference="60 rpm"), "10 ms")))
     Closed loop: TorsionalChain, BitRock
-      ImplicitSlidingMode, sampled every 10 ms: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m s/rad, learning 0.2
+      ImplicitSlidingMode, sampled every 10 ms: reference 60 rpm, surface_gain 0.2 1/s, reaching_rate 2 rad/s2, inertia
+        2122 kg m2, drag 425 N m s/rad, adaptation_gain 0.2
     """
 
     adaptation_gain: Quantity = quantity(

@@ -32,39 +32,74 @@ CHANGED = 0.05
 
 @dataclass(frozen=True)
 class Lifting(Controller):
-    """A law that gives another law a higher set-point while the bit sticks and slips, and comes down slowly once it turns evenly.
+    """Controller that raises the set-point of another controller while the bit sticks and slips, as drillers do by hand.
 
-        a dip:  bit speed < 0.35 L  and  sqrt(2 var(torque of the string)) > 0.8 L zeta,   after a bit speed > 0.5 L;   L = lifted set-point
+    In this description L is the raised set-point, and zeta is the impedance of the string. A period is the natural
+    period of the string below a drive that does not swing (`string_period`). A Kalman filter estimates the bit speed
+    and the string torque from the top speed and the torque command.
 
-    A Kalman filter on the declared string gives bit speed and torque from the top speed and the torque command; the variance is one over a period of the
-    string. Two dips within 20 periods are the evidence, or one that lasts a period, which only a bit that sticks makes. L then rises to `first_factor`
-    times what is asked; more of it adds `factor_step` each time. Once the amplitude stays below half of L for half a period, L comes down. Evidence on the
-    way down, or within 54 periods after it, is a relapse: L rises to what calmed the bit before, and after n relapses it comes down 1 + n^2 / 2 times more
-    slowly. At the next relapse after `max_attempts`, at the last of these where the set-point had been reached again, where `max_factor` does not help, or
-    where for 36 periods more than not the set-point has been lifted or bit or top have stood, the law gives up: it comes down, and lifts no more until
-    what is asked changes by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing. Another set-point is followed at the same
-    rates, so that a step of it is none either. To the left it does the same; a string that is to stop dips by right.
+    1. Detection. A dip is a bit speed below 0.35 L while sqrt(2 var(string torque)) > 0.8 L zeta, after a bit speed
+       above 0.5 L. The variance is taken over one period. Stick-slip is detected after two dips within 20 periods, or
+       after one dip that lasts a period.
+    2. Raise. L rises at `raise_rate` to `first_factor` times the set-point. If stick-slip is detected again at this L,
+       `factor_step` times the set-point is added, up to `max_factor` times the set-point.
+    3. Return. When the amplitude of the string torque has stayed below 0.5 L zeta for half a period, L returns to the
+       set-point at `lower_rate`.
+    4. Relapse. If stick-slip is detected during the return, or within 54 periods after it, L rises to the value that
+       calmed the bit before. After n relapses L returns 1 + n^2 / 2 times more slowly.
+    5. Give up. L returns, and is not raised again until the set-point changes by 5 %. The controller gives up in these
+       cases:
 
-    Why: a stick-slip that lives beside smooth running at one set-point does not at a higher one, where the rock is flatter. The price is speed: while
-    lifted the top turns at twice what is asked and more, for half a minute to a minute (`python -m studies recovery`). It helps where the law inside holds
-    smooth running at what is asked and damps the string, and gives up where it does not: a stiff drive leaves the string swinging for minutes.
+    - at relapse number `max_attempts`, if L had reached the set-point again before it;
+    - at relapse number `max_attempts` + 1 in any case;
+    - if stick-slip is detected while L is at `max_factor` times the set-point;
+    - if the time with a raised set-point, or with bit or top at a standstill, is 36 periods longer than the remaining
+      time.
 
-    With `speed_limit_factor` the torque of the law inside is lowered, down to none, while the top turns faster than `speed_limit_factor` times what is
-    asked and faster than L, as drives limit their speed: a law that follows a bit which is let go throws the top to more than twice what is asked.
-    `first_factor` must be below `speed_limit_factor` for that, and a slower `raise_rate` helps. The price: the string swings for longer, and weak laws are
-    lifted higher in the end. Smooth running knows nothing of it. A bit that is let go turns as fast at a low set-point as at a high one, and a top that
-    may not follow does not calm it: `min_speed_limit` is a speed that is always allowed.
+    Not detected as stick-slip:
 
-    With `weight_relief` the law takes weight off as well, as an auto-driller can: while the set-point is lifted the weight goes down by that share at the
-    rate `unload_rate`, and then comes back at `reload_rate`. A smaller, slower lift is then enough, such as `first_factor=1.3, factor_step=0.25,
-    raise_rate=0.2, weight_relief=0.4`; the price is less weight for two minutes. The law then drives `bit.weight`, and reads the weight that is asked from
-    `weight.reference`, of which `weight` is the default.
+    - a varying weight on bit, because it does not cause dips with such large torque amplitudes;
+    - a step of the set-point, because L follows it at `raise_rate` and `lower_rate`;
+    - dips while the string is to stop or to reverse.
 
-    `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded
-    are `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the size of the set-point at which it did, else 0), `lifting.held` (how
-    far above the set-point the bit calmed last), and with `weight_relief` `lifting.relief` (the share off). Sampled only. Around a law that is designed as
-    a callable, such as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the rotary speed
-    against stick-slip; the rule is a choice of this file.
+    Rotation to the left is treated in the same way.
+
+    Why it works: stick-slip that coexists with smooth running at one set-point does not exist at a higher set-point,
+    where the friction of the rock falls less steeply with speed. The cost: while the set-point is raised the top turns
+    at two or more times the set-point, for 30 to 60 s (`python -m studies recovery`). The method helps if the inner
+    controller holds smooth running at the set-point and damps the string. A stiff drive leaves the string swinging for
+    minutes, and the controller gives up.
+
+    Limit of the top speed, with `speed_limit_factor`: the torque of the inner controller is reduced, at most to zero,
+    while the top turns faster than L, `speed_limit_factor` times the set-point and `min_speed_limit`. Without this
+    limit a controller that follows a released bit accelerates the top to more than twice the set-point. `first_factor`
+    must be below `speed_limit_factor`, and a slower `raise_rate` helps. The cost: the string swings longer, and a weak
+    inner controller needs a higher L. Smooth running is not affected. `min_speed_limit` is needed at low set-points: a
+    bit that breaks free turns equally fast at low and high set-points, and the top must be allowed to follow it in
+    order to calm it.
+
+    Weight relief, with `weight_relief`: while L is raised the weight on bit is reduced by this fraction at
+    `unload_rate`. Afterwards it returns at `reload_rate`. A smaller and slower raise is then enough, for example
+    `first_factor=1.3, factor_step=0.25, raise_rate=0.2, weight_relief=0.4`. The cost is less weight for two minutes.
+    The controller then gives `bit.weight` and reads the full weight from `weight.reference` (default: the field
+    `weight`).
+
+    The inner controller `law` gets the signal `top.reference` with the value L. The field `reference` is the default of
+    this signal and the set-point for which the inner controller is designed.
+
+    Recorded signals:
+
+    - `lifting.reference`: L [rad/s].
+    - `lifting.lifts`: number of raises.
+    - `lifting.gave_up`: magnitude of the set-point at which the controller gave up [rad/s], else 0.
+    - `lifting.held`: L minus the set-point when the bit calmed last [rad/s].
+    - `lifting.relief`: removed fraction of the weight (with `weight_relief`).
+
+    Sampled only. If the inner controller is designed as a Python callable (for example a predictive controller), the
+    whole controller becomes a callable, and `run.controllers[0].inside` holds the inner one.
+
+    Source: the practice of raising the rotary speed against stick-slip; the rules and their numbers are choices of this
+    toolbox.
 
     Examples
     --------
@@ -106,12 +141,14 @@ class Lifting(Controller):
 
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The outputs of the inner controller, and the weight if some of the weight is taken off."""
+        """Names of the outputs: the outputs of the inner controller and, with `weight_relief`, the weight on bit."""
         return self.law.actuated_signals if self.weight_relief is None else (*self.law.actuated_signals, "bit.weight")
 
     def design(self, plant: HybridSystem) -> Controller:
-        """Return the controller with inner controller and observer designed on the plant, and with the period and impedance of its string if
-        they are not given."""
+        """Return the controller with inner controller and observer designed on the plant.
+
+        The period and the impedance of the string and the weight are read from the plant, if they are not given.
+        """
         filled: dict[str, Any] = {}
         if self.string_period is None or self.string_impedance is None:
             string = lumped_string(plant, "Lifting", "`string_period` and `string_impedance`")

@@ -18,16 +18,32 @@ from toolbox.authoring import Declared, zero_order_hold
 
 @dataclass(frozen=True, kw_only=True)
 class LinearMPC(Predictive):
-    """`Predictive` on x_(k+1) = A x_k + B u_k - E T, the slope of the rock at `reference` in A and its torque beyond that, T, constant over the plan.
+    """Linear model predictive control of the top drive, with the rock linearised at the set-point.
 
+        x_(k+1) = A x_k + B u_k - E T
         min sum_(k=1)^(N-1) e_k' Q e_k + sum_(k=0)^(N-1) ((u_k - u_s) / torque_scale)^2 + ((u_k - u_(k-1)) / torque_step_scale)^2
-            + (e_N, u_(N-1) - u_s)' P (...)
+            + (e_N, u_(N-1) - u_s)' P (...),      e_k = x_k - x_s
 
-    e = x - x_s, and (x_s, u_s) the steady state that turns at `reference` under the estimated T: hence no offset under a constant torque. Without active
-    limits it is the regulator of the Riccati equation. States are eliminated: the program has `horizon` unknowns and keeps its matrices. The slope of the
-    rock is in A, so that T wanders little (`torque_process_noise`): a faster filter passes noise that a bit at low speed cannot bear, a slower one is late
-    for the release. A stuck bit cannot trap it: the estimate of T follows the torque of the string, and the plan goes beyond. Source: J. B. Rawlings, D.
-    Q. Mayne, M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and 5.
+    - x are the states of the string, u the torques of the drive and N the `horizon`. In every sample the controller
+      plans N torques and applies the first one.
+    - A contains the slope of the rock torque at `reference`. T is the remaining torque of the rock: it is estimated and
+      assumed constant over the horizon.
+    - (x_s, u_s) is the steady state at `reference` under the estimated T. A constant unknown torque therefore leaves no
+      steady error.
+    - P is the solution of the Riccati equation, the cost after the horizon. Without active limits the controller equals
+      the regulator of this equation.
+
+    The states are eliminated, so the quadratic program has `horizon` unknowns and constant matrices.
+
+    `torque_process_noise` is the intensity with which T may vary. T varies little, because the slope of the rock is in
+    A. A larger value makes the filter faster and passes noise to the bit, which destabilises it at low speed. A smaller
+    value makes the filter late at the release of a stuck bit.
+
+    A stuck bit cannot trap the controller: the estimate of T follows the torque of the string, and the plan winds the
+    string up further.
+
+    Source: J. B. Rawlings, D. Q. Mayne, M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and
+    5.
     """
 
     torque_process_noise: Quantity = quantity(
@@ -35,7 +51,7 @@ class LinearMPC(Predictive):
     )
 
     def design(self, plant: HybridSystem) -> PlannedLinear:
-        """The callable law for the plant."""
+        """Return the controller for this plant as a callable (t, y) -> torque with a memory."""
         return PlannedLinear(self, without_actuators(plant))
 
 

@@ -12,11 +12,14 @@ from toolbox import Quantity, quantity
 
 @dataclass(frozen=True)
 class LQG(LQR):
-    """`LQR` on the states that `Kalman` estimates from the top speed alone.
+    """LQG control of the top drive: the state feedback of `LQR` on states that a Kalman filter estimates from the top speed.
 
-    `design` returns `OnEstimates(LQR, Kalman)`: estimates are recorded as `estimate.bit.speed`, `estimate.bit.torque` and so on. `late` is the number of
-    samples by which commands reach the drive later. Without rock and limits the poles are those of the regulator and those of the filter (separation). With a
-    rock the filter knows less than the regulator was designed on, and the tests say how much of that remains.
+    `design` returns `OnEstimates(LQR, Kalman)`. The estimates are recorded as `estimate.bit.speed`,
+    `estimate.bit.torque` and so on. `delay_samples` is the number of samples by which commands reach the drive later.
+
+    Without rock and torque limits the poles of the loop are the poles of the regulator and the poles of the filter
+    (separation principle). With a rock the filter knows less than the regulator was designed on, so the separation is
+    not exact.
 
     Examples
     --------
@@ -25,12 +28,13 @@ class LQG(LQR):
     >>> from toolbox import closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), LQG(reference="60 rpm")))
     Closed loop: TorsionalChain, BitRock
-      LQG, continuous: reference 60 rpm, top_size 19.1 rpm, bit_size 19.1 rpm, angle_size 8 rad, torque_size 3000 N m, tracking 5 s
+      LQG, continuous: reference 60 rpm, top_speed_scale 19.1 rpm, bit_speed_scale 19.1 rpm, angle_scale 8 rad,
+        torque_scale 3000 N m, tracking_time 5 s
     """
 
     @property
     def measured_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The top speed."""
+        """Name of the measured signal: the top speed."""
         return ("top.speed",)
 
     delay_samples: int = 0
@@ -40,7 +44,7 @@ class LQG(LQR):
     drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
 
     def design(self, plant):
-        """The regulator and the filter for the plant."""
+        """Return the regulator on the estimates of the Kalman filter, both designed on the plant."""
         regulator = LQR(
             reference=self.reference, top_speed_scale=self.top_speed_scale, bit_speed_scale=self.bit_speed_scale, angle_scale=self.angle_scale,
             torque_scale=self.torque_scale, tracking_time=self.tracking_time, states=self.states, units=self.units, gain=self.gain,

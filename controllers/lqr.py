@@ -17,18 +17,30 @@ from toolbox.modelling import OptionalQuantities
 
 @dataclass(frozen=True)
 class LQR(TorqueLimits):
-    """State feedback that minimises the integral of quadratic deviations, with an integral of the top speed's error.
+    """LQR state feedback of the string, with an integral of the error of the top speed.
 
-        u = u_0 - K (x - x_0) - K_i z,   z' = w_top - reference,   minimising
-        int (w_top - ref)^2 / top_speed_scale^2 + (w_bit - ref)^2 / bit_speed_scale^2 + z^2 / angle_scale^2 + (u - u_0)^2 / torque_scale^2 dt
+        u = u_0 - K (x - x_0) - K_i z,   z' = w_top - reference
+        K, K_i minimise  int (w_top - reference)^2 / top_speed_scale^2 + (w_bit - reference)^2 / bit_speed_scale^2
+                             + z^2 / angle_scale^2 + (u - u_0)^2 / torque_scale^2  dt
 
-    The sizes are Bryson's: the deviation that counts as much as any other (A. E. Bryson, Y.-C. Ho, Applied Optimal Control, 1975). `design` linearises the
-    plant with the bit sliding at `reference`, takes x_0 and u_0 from there and K from the Riccati equation (scipy). x_0 and u_0 follow a set-point that moves
-    (`operating_point_slope`, per rad/s). Where torque limits are known, z is led back by (wanted - command) / (K_i tracking), sampled within
-    one period at least. Sampled, z begins where the law gives the torque that acts (`controllers.bumpless`).
+    The scales follow Bryson's rule: deviations of one scale each cost the same (A. E. Bryson, Y.-C. Ho, Applied Optimal
+    Control, 1975).
 
-    The law measures all states of the string. Range: near that operating point. K holds the twist of that point, too, so that a stuck bit is wound up and freed
-    only as fast as the integral overcomes K: tens of seconds at low set-points.
+    `design` linearises the plant with the bit sliding at `reference`. This operating point gives x_0 and u_0, and the
+    Riccati equation (scipy) gives K. If the set-point changes, x_0 and u_0 change with it by `operating_point_slope`
+    per rad/s.
+
+    Torque limits: if they are given, z has anti-windup by back-calculation. The term (wanted - command) / (K_i
+    tracking_time) is added to z'. In the sampled form this time is at least one period.
+
+    Start: in the sampled form z is initialised so that the first command equals the present torque (bumpless start,
+    `controllers.bumpless`).
+
+    The controller measures all states of the string.
+
+    Range of validity: near the operating point. K also holds the twist of the string at the operating point. A stuck
+    bit is therefore wound up and freed only as fast as the integral overcomes K, which takes tens of seconds at low
+    set-points.
 
     Examples
     --------
@@ -37,12 +49,13 @@ class LQR(TorqueLimits):
     >>> from toolbox import closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), LQR(reference="60 rpm")))
     Closed loop: TorsionalChain, BitRock
-      LQR, continuous: reference 60 rpm, top_size 19.1 rpm, bit_size 19.1 rpm, angle_size 8 rad, torque_size 3000 N m, tracking 5 s
+      LQR, continuous: reference 60 rpm, top_speed_scale 19.1 rpm, bit_speed_scale 19.1 rpm, angle_scale 8 rad,
+        torque_scale 3000 N m, tracking_time 5 s
     """
 
     @property
     def measured_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The top speed and all states of the string, once it is designed on one."""
+        """Names of the measured signals: the top speed and, after the design, all states of the string."""
         return ("top.speed", *(self.states or ("bit.speed",)))
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))

@@ -28,23 +28,40 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class NonlinearMPC(Predictive):
-    """`Predictive` on the hybrid model: in each sample a plan is rolled out, linearised along its own motion and improved by one quadratic program.
+    """Nonlinear model predictive control of the top drive, with a hybrid model that predicts stick and slip of the bit.
 
-    The plan is that of the sample before, or, where it is better, that of a soft drive (bit at rest) or of the regulator (bit turning). With `iterations` above
-    1 it is improved until it settles (SQP). A step is taken only as far as it lowers the cost of its own rollout, so that no program can make a plan worse.
+    In every sample a plan of torques is simulated with the model, linearised along the predicted motion, and improved
+    by one quadratic program. With `iterations` > 1 this is repeated until the plan converges (SQP). A step is shortened
+    until it lowers the cost of the simulated plan, so a program cannot make a plan worse.
 
-    `width` is None for exact modes (mode-scheduled prediction), else the width [rad/s] of regularised friction, with the peak of the set-valued law unless
-    `match_static_peak` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.
+    The initial plan is the plan of the last sample. If another plan is better, that plan is taken: the plan of a soft
+    drive while the bit is at rest, or the plan of the linear regulator while the bit turns.
 
-    While the bit is at rest (estimated below `standstill_speed`), only the top speed is weighed until the predicted release, so that the string is wound up. A
-    turning bit is kept above `min_bit_speed_factor` times the set-point, and a prediction in which it sticks again costs `violation_cost` for each sample.
+    Friction in the prediction:
 
-    `adapt_rock_strength` tells whether the strength of the rock, a factor on its torque between 0.5 and 2, is estimated. Once the bit has turned for three
-    samples, `RockFilter` estimates it with the states (it may wander by `strength_process_noise` in a second); before that it follows from the torque that
-    the linear filter sees, in the time `rock_strength_time`; at rest from the torque that the rock has held, `holding_torque_margin` more than that.
+    - `width` None: exact modes of the contact (mode-scheduled prediction).
+    - `width` [rad/s]: friction regularised with this width. The peak equals the static friction of the set-valued law.
+    - `width` with `match_static_peak=False`: the tanh regularisation of textbooks. Its peak is too low, so it predicts
+      a release of the bit that does not come.
 
-    Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks. Source of the iteration: M. Diehl, H. G. Bock, J. P.
-    Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
+    Cost of the plan:
+
+    - While the bit is at rest (estimated speed below `standstill_speed`), only the top speed is weighted until the
+      predicted release. So the string is wound up.
+    - While the bit turns, its speed is kept above `min_bit_speed_factor` times the set-point. Every sample in which the
+      bit is predicted to stick again costs `violation_cost`.
+
+    Strength of the rock, with `adapt_rock_strength`: a factor on the rock torque, between 0.5 and 2, is estimated.
+
+    - After the bit has turned for three samples, `RockFilter` estimates the factor together with the states. The factor
+      may vary by `strength_process_noise` in one second.
+    - Before that, it follows the torque that the linear filter estimates, with the time constant `rock_strength_time`.
+    - At rest it follows from the largest torque that the rock has held, increased by the fraction
+      `holding_torque_margin`.
+
+    Range of validity: horizons of a few seconds. Much longer plans have local minima in which the bit sticks.
+
+    Source: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736 (the iteration).
     """
 
     drive_process_noise: Quantity = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
@@ -68,7 +85,7 @@ class NonlinearMPC(Predictive):
             raise SceneError("Argument `soft` must be True for a nonlinear law: its limits of speed and twist give way where they must.")
 
     def design(self, plant: HybridSystem) -> PlannedNonlinear:
-        """The callable law for the plant."""
+        """Return the controller for this plant as a callable (t, y) -> torque with a memory."""
         return PlannedNonlinear(self, without_actuators(plant))
 
 

@@ -13,15 +13,33 @@ from toolbox.modelling import Observed, Observer
 
 @dataclass(frozen=True)
 class OnEstimates(Observed):
-    """`toolbox.modelling.Observed` for a `StringObserver`, at the arrival time of a command, and with a bumpless start.
+    """Controller of the top drive on the estimates of a `StringObserver`, with delay compensation and a bumpless start.
 
-    Where commands reach the plant `late` samples later, the estimates are carried on to that instant under the commands that are on their way: the law
-    acts on the string that its command will meet, and its own loop has no delay but for what the model lacks (O. J. M. Smith, Chem. Eng. Progress 53
-    (1957) 217-219). The estimates are recorded for that instant, too.
+    It is `toolbox.modelling.Observed` with two additions:
 
-    At its first sample the observer begins as if the string turned steadily at the measured speed under the torque that acts, and the commands on their way
-    begin at that torque. `Observed` takes the bit for stuck and the string for slack, and kicks the drive for seconds. A rig at rest is
-    started as before (see `controllers.bumpless`). Other observers are left to `Observed`.
+    - Delay compensation (Smith predictor). If commands reach the plant `delay_samples` samples later, the estimates are
+      predicted to that time with the commands that are still delayed. The controller then acts on the state of the
+      string when its command arrives. Its own loop has no delay, apart from model errors. The recorded estimates are
+      the predicted ones.
+    - Bumpless start. At its first sample the observer begins with steady rotation at the measured speed under the
+      present torque. The delayed commands begin at this torque. `Observed` would begin with a stuck bit and an
+      untwisted string, and this disturbs the drive for some seconds. A string at rest starts as with `Observed` (see
+      `controllers.bumpless`).
+
+    With any other observer it acts like `Observed`.
+
+    Source: O. J. M. Smith, Chem. Eng. Progress 53 (1957) 217-219 (delay compensation).
+
+    Examples
+    --------
+    >>> from controllers import LQR, OnEstimates
+    >>> from controllers.observers import Kalman
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, compose, simulate
+    >>> drive = Sampled(OnEstimates(LQR(reference="60 rpm"), Kalman(), delay_samples=3), "10 ms", delay="30 ms")
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="60 kN")), "60 s", controller=drive)
+    >>> print(f"{run['estimate.bit.speed'][-1]:.2f} rad/s estimated, {run['bit.speed'][-1]:.2f} rad/s")
+    6.28 rad/s estimated, 6.28 rad/s
     """
 
     def sampled(self, signal, period):

@@ -13,12 +13,20 @@ from toolbox.authoring import number
 
 @dataclass(frozen=True)
 class PI(TorqueLimits):
-    """PI speed control: u = proportional e + integral int e dt, e = reference - top speed.
+    """PI control of the top-drive speed: u = proportional e + integral int e dt, e = reference - top speed.
 
-    Continuous, or sampled with u_k = proportional e_k + integral z_k, z_(k+1) = z_k + period e_k. The field `reference` is the default of
-    the signal `top.reference` [rad/s]. Where torque limits are known, the integral is led back with the time proportional / integral, or within one period
-    where that is longer: z' = e + (command - wanted) / max(proportional, period integral). Sampled, z begins where the law gives the torque that acts
-    (`controllers.bumpless`), at 0 where none does.
+    The field `reference` is the default of the signal `top.reference` [rad/s]. The controller is continuous or sampled.
+    The sampled form is
+
+        u_k = proportional e_k + integral z_k,   z_(k+1) = z_k + period e_k
+
+    Torque limits: if they are given, z has anti-windup by back-calculation with the time constant proportional /
+    integral, or one period if the period is longer:
+
+        z' = e + (command - wanted) / max(proportional, period integral)
+
+    Start: in the sampled form z is initialised so that the first command equals the present torque (bumpless start,
+    `controllers.bumpless`). It begins at 0 if there is no present torque.
 
     Examples
     --------
@@ -36,11 +44,14 @@ class PI(TorqueLimits):
 
     @classmethod
     def placed(cls, inertia: float, frequency: float, damping: float = 0.7, **others: Any) -> PI:
-        """Return the law that gives an inertia alone the poles of s^2 + 2 damping om s + om^2.
+        """Return the controller that gives an inertia alone the poles of s^2 + 2 damping om s + om^2.
 
             proportional = 2 damping om J,     integral = om^2 J
 
-        A drag of the drive adds to `proportional`: subtract it where it matters. Source: textbook (K. J. Åström, T. Hägglund, Advanced PID Control, ISA 2006).
+        A viscous drag of the drive has the same effect as `proportional`. If it matters, subtract the drag from
+        `proportional`.
+
+        Source: textbook (K. J. Åström, T. Hägglund, Advanced PID Control, ISA 2006).
 
         Parameters
         ----------
@@ -49,9 +60,14 @@ class PI(TorqueLimits):
         frequency
             Natural frequency om [rad/s].
         damping
-            Damping ratio [1].
+            Damping ratio [1], by default 0.7.
         others
-            Other fields of the law, such as `reference`.
+            Other fields of the controller, such as `reference`.
+
+        Returns
+        -------
+        PI
+            The controller.
         """
         return cls(proportional=2.0 * damping * frequency * inertia, integral=frequency**2 * inertia, **others)
 
@@ -79,9 +95,10 @@ class PI(TorqueLimits):
 
 @dataclass(frozen=True)
 class StiffPI(PI):
-    """PI speed control as stiff as drives are delivered: it holds the top speed and reflects torsional waves.
+    """PI control of the top-drive speed with the high gains of common drives: it holds the speed and reflects torsional waves.
 
-    The gains are chosen for a two-inertia rig (table of 2122 kg m2); they are the usual starting point that shows stick-slip.
+    The gains suit a two-inertia drill string with a rotary table of 2122 kg m2. With them the string typically shows
+    stick-slip.
 
     Examples
     --------

@@ -113,7 +113,16 @@ class SlidingSurface(TorqueLimits):
 
 @dataclass(frozen=True)
 class SlidingMode(SlidingSurface):
-    """Sliding mode with a boundary layer: sgn(s) becomes s / width inside |s| < width. Continuous or sampled.
+    """Sliding-mode control of the top drive with a boundary layer: sgn(s) becomes s / boundary_layer for |s| < boundary_layer.
+
+        s = (w_r - Om) + lam int (w_r - Om) dt + lam int (w_r - w_b) dt,   u = u_eq - J_r eta sgn(s)
+        u_eq = c_r w_r + tau - J_r lam [(w_r - Om) + (w_r - w_b)],         so that  s' = -eta sgn(s)
+
+    - w_r is the top speed, w_b the bit speed, Om the set-point, and tau the torque of the string on the drive.
+    - lam is the field `surface_gain`, eta the field `reaching_rate`.
+    - The inertia J_r and the drag c_r of the drive are read from the plant, if they are not given.
+
+    Continuous or sampled.
 
     Examples
     --------
@@ -122,7 +131,8 @@ class SlidingMode(SlidingSurface):
     >>> from toolbox import closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SlidingMode(reference="60 rpm")))
     Closed loop: TorsionalChain, BitRock
-      SlidingMode, continuous: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m s/rad, width 0.4775 rpm
+      SlidingMode, continuous: reference 60 rpm, surface_gain 0.2 1/s, reaching_rate 2 rad/s2, inertia 2122 kg m2, drag
+        425 N m s/rad, boundary_layer 0.4775 rpm
     """
 
     boundary_layer: Quantity = quantity(0.05, "rad/s", "half-width of the boundary layer", above=0)
@@ -155,9 +165,17 @@ class SlidingMode(SlidingSurface):
 
 @dataclass(frozen=True)
 class IdealSlidingMode(SlidingSurface):
-    """The set-valued form: a relay on the surface with true sliding, s = 0 to round-off and no chatter. Continuous only, without torque limits.
+    """Ideal sliding-mode control: the sign function is a set-valued relay, so that s = 0 to round-off, without chatter.
 
-    Its contact is `slidingmode`; while it "sticks" the surface is reached and its force is what the equivalent control lacks.
+        u = u_eq - J_r eta sgn(s),   s = (w_r - Om) + lam int (w_r - Om) dt + lam int (w_r - w_b) dt
+
+    w_r is the top speed, w_b the bit speed and Om the set-point. u_eq is the equivalent control of the model, lam the
+    field `surface_gain`, eta the field `reaching_rate`.
+
+    The relay is the contact `slidingmode`. In its mode "stick" the surface s = 0 has been reached. The force of the
+    contact is then the torque that must be added to u_eq to stay on the surface.
+
+    Continuous only, and without torque limits.
 
     Examples
     --------
@@ -166,7 +184,8 @@ class IdealSlidingMode(SlidingSurface):
     >>> from toolbox import closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), IdealSlidingMode(reference="60 rpm")))
     Closed loop: TorsionalChain, BitRock
-      IdealSlidingMode, continuous: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m s/rad
+      IdealSlidingMode, continuous: reference 60 rpm, surface_gain 0.2 1/s, reaching_rate 2 rad/s2, inertia 2122 kg m2,
+        drag 425 N m s/rad
     """
 
     def continuous(self, signal):

@@ -14,12 +14,16 @@ from toolbox import Quantity, SceneError, quantity
 
 @dataclass(frozen=True)
 class SoftTorque(TorqueLimits):
-    """Impedance matching for a lumped string: proportional = sqrt(k J_b), integral = (k / J_b) J_r.
+    """Soft torque: PI control whose impedance matches a lumped string: proportional = sqrt(k J_b), integral = (k / J_b) J_r.
 
-    `design` reads `chain.inertia` and `chain.stiffness` of the plant: k is the stiffness of all springs in series, J_b the inertia below the
-    top drive, J_r that of the top drive; it returns a PI law with these gains. `detuning` scales both down (above 1) or up. Source: the
-    matching condition in J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668, and U. J. F. Aarsnes, F. Di Meglio,
-    R. J. Shor, J. Sound Vib. 424 (2018), for lumped strings.
+    k is the stiffness of all springs in series, J_b the inertia below the top drive, and J_r the inertia of the top
+    drive. `design` reads them from `chain.inertia` and `chain.stiffness` of the plant and returns a `PI` with these
+    gains.
+
+    Both gains are divided by `detuning`.
+
+    Sources: J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668, and U. J. F. Aarsnes, F. Di Meglio, R. J.
+    Shor, J. Sound Vib. 424 (2018) (matching condition, for lumped strings).
 
     Examples
     --------
@@ -36,10 +40,12 @@ class SoftTorque(TorqueLimits):
 
     @staticmethod
     def for_string(string_impedance: float, inertia: float, frequency: float, reference: float = 8.0, **limits: Any) -> PI:
-        """Return the PI law for a distributed string: proportional = 4 zeta, integral = (2 pi f)^2 J.
+        """Return the PI controller for a distributed string: proportional = 4 zeta, integral = (2 pi f)^2 J.
 
-        At f the integral cancels the inertia, and the drive shows 4 zeta, |r| = 3/5, with less at its harmonics. Source: U. J. F. Aarsnes, F. Di Meglio, R. J.
-        Shor, J. Sound Vib. 424 (2018).
+        At the frequency f the integral term cancels the inertia of the drive. The impedance of the drive is then 4
+        zeta, and it reflects the fraction |r| = 3/5 of a wave. At the harmonics of f it reflects less.
+
+        Source: U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018).
 
         Parameters
         ----------
@@ -48,11 +54,16 @@ class SoftTorque(TorqueLimits):
         inertia
             Inertia J of the drive [kg m2].
         frequency
-            Lowest frequency f of the string [Hz].
+            Lowest natural frequency f of the string [Hz].
         reference
-            Set-point [rad/s].
+            Set-point [rad/s], by default 8.
         limits
-            Torque limits and other fields of the law.
+            Torque limits and other fields of the controller.
+
+        Returns
+        -------
+        PI
+            The controller.
         """
         return PI(proportional=4.0 * string_impedance, integral=(2.0 * np.pi * frequency) ** 2 * inertia, reference=reference, **limits)
 

@@ -23,10 +23,19 @@ from toolbox.modelling import OptionalQuantity
 
 @dataclass(frozen=True)
 class SuperTwisting(SlidingSurface):
-    """Super-twisting on the tracking surface s = (w_r - Om) + lam int (w_r - Om) + lam int (w_r - w_b) of `SlidingMode`.
+    """Super-twisting control of the top drive: second-order sliding mode with a continuous torque.
 
-    `disturbance_rate` is L; the field `reaching` is not used. Where torque limits are known, the integral of the surface takes up what the drive
-    cannot give. Sampled only.
+        s = (w_r - Om) + lam int (w_r - Om) dt + lam int (w_r - w_b) dt
+        u = u_eq - J_r (1.5 L^(1/2) |s|^(1/2) sgn(s) - v),   v' = -1.1 L sgn(s)
+
+    w_r is the top speed, w_b the bit speed and Om the set-point. The surface s and the equivalent control u_eq are the
+    same as in `SlidingMode`. lam is the field `surface_gain`. L is the field `disturbance_rate`: the controller rejects
+    disturbances whose rate is below L. The field `reaching_rate` is not used.
+
+    If torque limits are given, the integral of the surface takes up the torque that the drive cannot give
+    (anti-windup). Sampled only.
+
+    Source: A. Levant, Int. J. Control 58 (1993) 1247-1263 (gains and form).
 
     Examples
     --------
@@ -35,8 +44,8 @@ class SuperTwisting(SlidingSurface):
     >>> from toolbox import Sampled, closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SuperTwisting(reference="60 rpm"), "10 ms")))
     Closed loop: TorsionalChain, BitRock
-      SuperTwisting, sampled every 10 ms: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m s/rad,
-        disturbance_rate 4 rad/s3
+      SuperTwisting, sampled every 10 ms: reference 60 rpm, surface_gain 0.2 1/s, reaching_rate 2 rad/s2, inertia 2122 kg
+        m2, drag 425 N m s/rad, disturbance_rate 4 rad/s3
     """
 
     disturbance_rate: Quantity = quantity(4.0, "rad/s3", "bound L on the rate of what the equivalent control lacks", above=0)
@@ -59,12 +68,19 @@ class SuperTwisting(SlidingSurface):
 
 @dataclass(frozen=True)
 class ImpedanceSuperTwisting(SuperTwisting):
-    """Super-twisting on the surface of a drive without inertia whose impedance is Z: it gives way to the string as a matched end would.
+    """Super-twisting control that makes the drive an impedance Z without inertia, like a matched end of the string.
 
-        s = (w_r - Om) + surface int (w_r - Om) + tau / Z,   u_eq = c_r w_r + tau - J_r surface (w_r - Om)
+        s = (w_r - Om) + surface_gain int (w_r - Om) dt + tau / Z,   u_eq = c_r w_r + tau - J_r surface_gain (w_r - Om)
 
-    tau is the torque of the string on the drive, whose rate over Z is the disturbance. On s = 0, tau = -Z (w_r - Om) - surface Z int (w_r - Om). `impedance` is
-    sqrt(k J_b) of the chain unless given, `surface` the rate at which the set-point is won back. Measures no bit speed.
+    w_r is the top speed, Om the set-point and tau the torque of the string on the drive. On the surface s = 0 the
+    string torque obeys tau = -Z (w_r - Om) - surface_gain Z int (w_r - Om) dt. The rate of tau divided by Z is the
+    disturbance of the control.
+
+    - `impedance` Z is by default sqrt(k J_b) of the chain: k is the stiffness of all springs in series and J_b the
+      inertia below the drive.
+    - `surface_gain` is the rate at which the set-point is reached again after a disturbance.
+
+    The controller does not measure the bit speed.
 
     Examples
     --------
@@ -73,8 +89,8 @@ class ImpedanceSuperTwisting(SuperTwisting):
     >>> from toolbox import Sampled, closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(ImpedanceSuperTwisting(reference="60 rpm"), "10 ms")))
     Closed loop: TorsionalChain, BitRock
-      ImpedanceSuperTwisting, sampled every 10 ms: reference 60 rpm, surface 0.2 1/s, reaching 2 rad/s2, inertia 2122 kg m2, drag 425 N m
-        s/rad, disturbance_rate 4 rad/s3, impedance 420.6 N m s/rad
+      ImpedanceSuperTwisting, sampled every 10 ms: reference 60 rpm, surface_gain 0.2 1/s, reaching_rate 2 rad/s2, inertia
+        2122 kg m2, drag 425 N m s/rad, disturbance_rate 4 rad/s3, impedance 420.6 N m s/rad
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed", "top.load")
@@ -93,7 +109,15 @@ class ImpedanceSuperTwisting(SuperTwisting):
         return replace(law, impedance=float(np.sqrt(np.sum(inertia[1:]) / np.sum(1.0 / stiffness))))
 
     def terms(self, signal, angle):
-        """Rate of the integral term, the surface s, and the equivalent control."""
+        """Return the rate of the integral term, the surface s, and the equivalent control.
+
+        Parameters
+        ----------
+        signal
+            Function that returns the expression of a signal.
+        angle
+            Integral of the speed error [rad].
+        """
         top, load = signal("top.speed", "rad/s"), signal("top.load", "N m")
         error = top - signal("top.reference", "rad/s", default=self.reference)
         return (

@@ -18,20 +18,35 @@ from toolbox.modelling import OptionalQuantity
 
 @dataclass(frozen=True)
 class ZTorque(TorqueLimits):
-    """Speed control that compensates the inertia of the drive and leaves the string its own impedance at the top.
+    """Speed control that compensates the inertia of the drive, so that the drive has the impedance of the string.
 
         u = P e + I z + J_c (w - f) / T_f,   f' = (w - f) / T_f,   z' = e,   e = reference - top speed
 
-    (w - f) / T_f is the filtered acceleration. Below sqrt(zeta / (J T_f)) the drive then shows the string Z = P (and I / i om below I / P), instead of a P that
-    an inertia hides. With P = zeta = I_p sqrt(G rho) a wave is not reflected, |r| = |P - zeta| / (P + zeta). All of the inertia cannot be compensated through a
-    filter: J_c = J (1 - sqrt(zeta T_f / J))^2 leaves drive and filter a double real pole at -sqrt(zeta / (J T_f)).
+    w is the top speed and (w - f) / T_f its filtered acceleration. P, I, J_c and T_f are the fields `impedance`,
+    `integral`, `inertia` and `filter_time`.
 
-    `design` reads what is not given from a lumped chain: zeta = sqrt(k J_b) (k all springs in series, J_b all below the drive), P = zeta less the drag of the
-    drive, I = zeta sqrt(k / J_b) / 5. Where torque limits are known, z is led back by (command - wanted) / zeta. The filter is one Euler step a sample, which
-    swings ever more where the period is above 2 T_f: such sample times are refused. Sampled, f begins at the measured speed and z
-    where the law gives the torque that acts (`controllers.bumpless`), both at 0 where none acts.
+    Below the frequency sqrt(zeta / (J T_f)) the impedance of the drive is then P (and I / (i om) below I / P). Without
+    compensation the inertia J would dominate. With P equal to the wave impedance of the string, zeta = I_p sqrt(G rho),
+    a wave is not reflected: |r| = |P - zeta| / (P + zeta) = 0.
 
-    Source: the matching of U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018); J_c and I are choices of this file.
+    The inertia cannot be compensated completely through a filter. J_c = J (1 - sqrt(zeta T_f / J))^2 gives drive and
+    filter a double real pole at -sqrt(zeta / (J T_f)).
+
+    `design` takes missing numbers from a lumped chain:
+
+    - zeta = sqrt(k J_b), with the stiffness k of all springs in series and the inertia J_b below the drive;
+    - P = zeta minus the drag of the drive;
+    - I = zeta sqrt(k / J_b) / 5.
+
+    Torque limits: if they are given, z has anti-windup by back-calculation, with the term (command - wanted) / zeta.
+
+    Sampled form: the filter makes one Euler step per sample. It would be unstable for periods above 2 T_f, so such
+    sample times raise an error. f begins at the measured speed, and z is initialised so that the first command equals
+    the present torque (bumpless start, `controllers.bumpless`). Both begin at 0 if there is no present torque.
+
+    Source: U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018) (impedance matching).
+
+    J_c and I are choices of this toolbox.
 
     Examples
     --------
@@ -53,7 +68,24 @@ class ZTorque(TorqueLimits):
 
     @classmethod
     def for_string(cls, string_impedance: float, inertia: float, filter_time: float = 0.05, **others: Any) -> ZTorque:
-        """The law for a string of impedance zeta [N m s/rad] (see `controllers.impedance`) on a drive of that inertia [kg m2]; I = 0 unless given."""
+        """Return the controller for a distributed string.
+
+        Parameters
+        ----------
+        string_impedance
+            Wave impedance zeta of the string [N m s/rad] (see `pipe_impedance`).
+        inertia
+            Inertia J of the drive [kg m2].
+        filter_time
+            Time constant T_f of the filter of the acceleration [s], by default 0.05.
+        others
+            Other fields of the controller. `integral` is 0 unless given here.
+
+        Returns
+        -------
+        ZTorque
+            The controller.
+        """
         numbers: dict[str, Any] = {
             "impedance": string_impedance,
             "inertia": compensated(inertia, string_impedance, filter_time),
@@ -77,7 +109,13 @@ class ZTorque(TorqueLimits):
         return replace(self, back_calculation=zeta, **{name: value for name, value in numbers.items() if getattr(self, name) is None})
 
     def check_period(self, period):
-        """Raise SceneError where the filter of the acceleration would swing ever more."""
+        """Raise SceneError if the sample time is above 2 `filter_time`: the filter of the acceleration would be unstable.
+
+        Parameters
+        ----------
+        period
+            Sample time [s].
+        """
         number("sample_time", period, "s", at_most=2.0 * self.filter_time)
 
     def continuous(self, signal):

@@ -15,20 +15,31 @@ from toolbox.modelling import OptionalQuantity, Quantities
 
 @dataclass(frozen=True)
 class AxialChain(Component):
-    """Masses in a row, from the hook (first) to the bit (last), joined by springs and dampers; downwards is positive.
+    """Axial drill string: masses in a row from the hook (first) to the bit (last), joined by springs and dampers.
 
         m_i v_i' = N_i - N_(i-1) - drag m_i v_i,   N_i = k_i stretch_i + c_i (v_(i+1) - v_i),   stretch_i' = v_(i+1) - v_i
 
-    Stretches and forces are counted from the string hanging free, where all are zero, so weight appears at the hook only: with G = gravity sum m_i, N_0 = H -
-    G at the first mass and N_n = -W at the last, H the hook load, W the weight on bit. One mass is a rigid string. Top end, one of two: `hook_load` given, H
-    is imposed and n masses have n-1 springs, 2n-1 states; without, the hook is lowered at a given speed through hoisting lines, which are the first of n
-    springs, 2n states: `axial.stretch` [m] and `axial.speed` (n) [m/s].
+    Speeds are positive downwards. Stretches and forces are counted from the string that hangs freely, where all of them
+    are zero. So the weight appears only at the hook: N_0 = H - G at the first mass and N_n = -W at the last mass. H is
+    the hook load, G = gravity sum m_i the weight and W the weight on bit. One mass is a rigid string.
 
-    - Needs the signals `hook.load` [N] (default: the field) or `hook.speed` [m/s], downwards (default 0), and `bit.weight` W [N] (default 0, off bottom).
-    - Gives the signals `bit.axial_speed` [m/s] and, behind lines, `hook.load` [N].
+    There are two kinds of top end:
 
-    What is between bit and rock gives the weight on bit: `ElasticRock`, `DragBit`. Textbook; the defaults have the size of a 1000 m string on ten lines and
-    are chosen.
+    - With `hook_load` the hook load H is imposed. n masses have n-1 springs and 2n-1 states.
+    - Without `hook_load` the hook moves at a given speed and carries the string with hoisting lines, which are the
+      first of n springs. There are 2n states.
+
+    The states are `axial.stretch` [m] and `axial.speed` (n) [m/s].
+
+    - Needs the signals `hook.load` [N] (default: the field) or `hook.speed` [m/s], positive downwards (default 0), and
+      `bit.weight` W [N] (default 0: off bottom).
+    - Gives the signals `bit.axial_speed` [m/s] and, without `hook_load`, `hook.load` [N].
+
+    A model of the contact between bit and rock gives the weight on bit: `ElasticRock`, `DragBit`.
+
+    Source: textbook.
+
+    The defaults are chosen: they have the size of a 1000 m string on ten lines.
 
     Examples
     --------

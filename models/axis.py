@@ -43,14 +43,28 @@ def _moved(signal, part, length):
 
 @dataclass(frozen=True)
 class Axis(Component):
-    """Axis that slides under a force with dry and viscous friction: the plant that `identify` takes for recordings in m and N.
+    """Axis that moves along a line under a force, with dry and viscous friction.
 
-    - Needs the signal `axis.force` [N] (default 0), and `axis.load` [N] (default 0) where it is `loaded`.
-    - Gives the signals `axis.position` [m], `axis.speed` [m/s], `axis.resistance` [N], the force at steady speed, and where it is `filtered` also
-      `axis.filtered_speed` [m/s], the speed behind the filter of a recorder.
+        m v' = F - F_0 - R(v)
+
+    F is the force, F_0 a constant force (an offset of the sensor or the amplifier, or a weight) and R the friction.
+    `identify` uses this plant for recordings in m and N.
+
+    - Needs the signal `axis.force` F [N] (default 0). If the axis is `loaded`, it also needs `axis.load` P [N] (default
+      0), and R is multiplied by 1 + q |P|.
+    - Gives the signals `axis.position` [m], `axis.speed` v [m/s] and `axis.resistance` [N], the force R + F_0 at steady
+      speed. If the axis is `filtered`, it also gives `axis.filtered_speed` [m/s], the speed after the filter of a
+      recorder.
     - Contact: `rail`.
 
-    Numbers are chosen. Equations and source: `models.axis`.
+    All numbers are chosen. `models.axis` contains the equations and their source.
+
+    Examples
+    --------
+    >>> from models import Axis
+    >>> from toolbox import compose
+    >>> print(compose(Axis()))
+    HybridSystem(Axis): 2 states (axis.position, axis.speed); contacts: rail; inputs: axis.force [N]
     """
 
     mass: Quantity = quantity(1.0, "kg", "mass that moves", above=0)
@@ -68,14 +82,25 @@ class Axis(Component):
 
 @dataclass(frozen=True)
 class Joint(Component):
-    """Joint that turns under a torque with dry and viscous friction: the plant that `identify` takes for recordings in rad and N m.
+    """Joint that rotates under a torque, with dry and viscous friction.
 
-    - Needs the signal `joint.torque` [N m] (default 0), and `joint.load` [N m] (default 0) where it is `loaded`.
-    - Gives the signals `joint.angle` [rad], `joint.speed` [rad/s], `joint.resistance` [N m], the torque at steady speed, and where it is `filtered` also
-      `joint.filtered_speed` [rad/s], the speed behind the filter of a recorder.
+    It has the equation of `Axis` with torques and angles. `identify` uses this plant for recordings in rad and N m.
+
+    - Needs the signal `joint.torque` [N m] (default 0). If the joint is `loaded`, it also needs `joint.load` [N m]
+      (default 0).
+    - Gives the signals `joint.angle` [rad], `joint.speed` [rad/s] and `joint.resistance` [N m], the torque at steady
+      speed. If the joint is `filtered`, it also gives `joint.filtered_speed` [rad/s], the speed after the filter of a
+      recorder.
     - Contact: `bearing`.
 
-    Numbers are chosen. Equations and source: `models.axis`.
+    All numbers are chosen. `models.axis` contains the equations and their source.
+
+    Examples
+    --------
+    >>> from models import Joint
+    >>> from toolbox import compose
+    >>> print(compose(Joint()))
+    HybridSystem(Joint): 2 states (joint.angle, joint.speed); contacts: bearing; inputs: joint.torque [N m]
     """
 
     inertia: Quantity = quantity(0.1, "kg m2", "inertia that turns", above=0)

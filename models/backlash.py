@@ -15,9 +15,14 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, Un
 
 @dataclass(frozen=True)
 class BacklashDrive(Component):
-    """A driven body that takes another along through a play, with impacts; its input is the force `driver.force`.
+    """Two bodies with backlash between them, impacts at both sides of the gap, and dry friction.
 
-    Numbers are chosen. Equations: `models.backlash`.
+        m1 v1' = P + F1 - N+ + N-,   m2 v2' = F2 + N+ - N-,   |x1 - x2| <= play
+
+    The input is the force P on the first body, `driver.force` [N]. F1 and F2 are the frictions of the bodies, N+ and N-
+    the contact forces at both sides of the gap.
+
+    All numbers are chosen.
 
     Examples
     --------

@@ -49,14 +49,18 @@ class Wound(FrictionLaw):
 
 @dataclass(frozen=True)
 class BandBrake(Component):
-    """A drum with a band brake; its inputs are the torque `drum.torque` and the pull `drum.pull` [N] of the actuator at the end of the band.
+    """Drum with a band brake: the friction increases the tension of the band in one direction and reduces it in the other.
 
-    - Needs the signals `drum.torque` [N m] (default 0) and `drum.pull` [N] (default 0, must stay >= 0).
+        J w' = T + R F_band,   |F_band| <= gain pull
+        gain = exp(mu angle) - 1 in the direction of the pull, 1 - exp(-mu angle) against it
+
+    - Needs the signals `drum.torque` T [N m] (default 0) and `drum.pull` [N] (default 0, must stay >= 0), the force of
+      the actuator at the end of the band.
     - Gives the signals `drum.angle` [rad], `drum.speed` [rad/s].
-    - Contact: `band`, against the speed of the drum under the band [m/s].
+    - Contact: `band`, with the speed of the drum surface under the band as slip [m/s].
 
-    Numbers are chosen: the drum of a small winch. Range: a band without mass and stiffness, so that it does not groan by itself. Equations and source:
-    `models.band_brake`.
+    Range of validity: a band without mass and elasticity, which therefore does not groan by itself. The numbers are
+    chosen for the drum of a small winch. `models.band_brake` contains the source.
 
     Examples
     --------

@@ -14,24 +14,30 @@ from toolbox.authoring import number, whole
 
 @dataclass(frozen=True)
 class OscillatorOnBar(Component):
-    """A mass on a spring that rubs on a bar clamped at both ends, whose clamps move past it with the speed V.
+    """Mass on a spring that rubs on an elastic bar, whose two clamped ends move with the speed V.
 
-        m v' = f - k x - c v + F,     slip v - V - u_t(a, t),     F dry friction
+        m v' = f - k x - c v + F,     F dry friction with slip speed v - V - u_t(a, t)
             (rho A L / 2) (q_j'' + 2 zeta w_j q_j' + w_j^2 q_j) = -F sin(j pi a / L)
         u(y, t) = sum q_j sin(j pi y / L),     w_j = (j pi / L) sqrt(E / rho)
 
-    with the first `modes` axial modes j of the bar and the contact at a = `contact_position` L.
+    The sum contains the first `modes` axial modes j of the bar. The contact is at a = `contact_position` L.
 
-    - Needs the signals `oscillator.force` f [N] (default 0).
-    - Gives the signals `oscillator.bar_speed` u_t(a) [m/s] and the states `oscillator.position` x, `oscillator.speed` v, `oscillator.amplitude` q [m] and
-      `oscillator.rate` q' [m/s] (one entry per mode).
+    - Needs the signal `oscillator.force` f [N] (default 0).
+    - Gives the signal `oscillator.bar_speed` u_t(a) [m/s].
+    - States: `oscillator.position` x [m], `oscillator.speed` v [m/s], `oscillator.amplitude` q [m] and
+      `oscillator.rate` q' [m/s], with one entry per mode.
     - Contact: `bar`.
 
-    The energy of the bar is that seen from its clamps.
+    The energy of the bar is computed in the frame of its clamps.
 
-    A reconstruction after Hong et al. (oscillator on a clamped-clamped axial bar), of whom only the statement on the two periods is known here; the
-    defaults are chosen. Range: small strain, travel small beside the length (the contact keeps its place on the bar), periods longer than that of
-    the last mode. A mode with a node at the contact never moves.
+    This model is a reconstruction after Hong et al. (oscillator on a clamped-clamped axial bar). Only their statement
+    about the two periods was available. The defaults are chosen.
+
+    Range of validity:
+
+    - small strain;
+    - travel much shorter than the bar, because the contact keeps its place on the bar;
+    - periods longer than the period of the highest mode. A mode with a node at the contact never moves.
 
     Examples
     --------

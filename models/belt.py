@@ -15,10 +15,10 @@ from toolbox.modelling import Quantities
 
 @dataclass(frozen=True)
 class Block(Component):
-    """Mass on a spring without friction of its own: m v' = u + a - k x - c v.
+    """Mass on a spring, without friction: m v' = u + a - k x - c v.
 
-    - Needs the signals `block.force` u [N] (default 0) and `block.attachment` a [N] (default 0), the force of what is tied to it: a friction damper, an
-      absorber, a bristle.
+    - Needs the signals `block.force` u [N] (default 0) and `block.attachment` a [N] (default 0), the force of an
+      attached part: a friction damper, an absorber, a bristle.
     - Gives the signals `block.position` x [m], `block.speed` v [m/s].
 
     Examples
@@ -46,15 +46,20 @@ class Block(Component):
 
 @dataclass(frozen=True)
 class BlockOnBelt(Component):
-    """Block on a moving belt, held by a spring: m v' = u + a - k x - c v - d (v - v_belt) + F, F dry friction against v - v_belt.
+    """Block on a moving belt, held by a spring: m v' = u + a - k x - c v - d (v - v_belt) + F.
 
-    - Needs the signals `block.force` u [N] (default 0), `block.load` [N] (default: the field `load`; an alternating load is an input) and `block.attachment`
-      a [N] (default 0), the force of what is tied to the block.
+    F is the dry friction of the belt on the block. It depends on the slip speed v - v_belt.
+
+    - Needs the signals `block.force` u [N] (default 0), `block.load` [N] (default: the field `load`) and
+      `block.attachment` a [N] (default 0), the force of an attached part. Give an alternating load as the input
+      `block.load`.
     - Gives the signals `block.position` x [m], `block.speed` v [m/s].
     - Contact: `belt`.
 
-    Defaults are the numbers of Leine et al., Nonlinear Dynamics 16 (1998) 41-54: stick-slip of amplitude about one, stick while |k x| <= F_s. At belt speed 0
-    it is the oscillator of J. P. Den Hartog (1931).
+    The default parameters give stick-slip with an amplitude of about 1 m. The block sticks while |k x| <= F_s, the
+    static friction force. With belt speed 0 the model is the oscillator of J. P. Den Hartog (1931).
+
+    Source: Leine et al., Nonlinear Dynamics 16 (1998) 41-54 (default parameters).
 
     Examples
     --------
@@ -91,16 +96,21 @@ class BlockOnBelt(Component):
 
 @dataclass(frozen=True)
 class Guide(Component):
-    """A second surface that rubs on a block: a guide, a seal, a slide with bristles; a = F, dry friction against v - v_belt.
+    """Second friction surface on a block: a guide, a seal, or a slide with bristles. Its force on the block is a = F.
+
+    F is dry friction with the slip speed v - v_belt.
 
     - Needs the signals `block.speed` v [m/s] and `guide.load` [N] (default: the field `load`).
     - Gives the signals `guide.drag` -F [N] and `block.attachment` a [N].
     - Contact: `guide`.
 
-    Beside a belt the law of one of both surfaces must be a bristle, such as `Dahl` or `LuGre`: two dry frictions of one block are refused, because nothing
-    decides how they share a force that holds it.
+    If the block is also on a belt, one of the two friction laws must be a law with memory, such as `Dahl` or `LuGre`.
+    Two dry frictions of one block raise an error, because their shares of the force that holds the block are not
+    determined.
 
-    Source: textbook; numbers chosen.
+    All numbers are chosen.
+
+    Source: textbook.
 
     Examples
     --------
@@ -127,15 +137,19 @@ class Guide(Component):
 
 @dataclass(frozen=True)
 class BlocksOnBelt(Component):
-    """Blocks in a row on one belt, each held by a spring to ground and tied to its neighbours: the smallest machine whose parts stick in turn.
+    """Blocks in a row on one belt, each with a spring to ground and springs to its neighbours.
 
-        m_i v_i' = u_i - k_i x_i - c_i v_i + q_i (x_(i+1) - x_i) - q_(i-1) (x_i - x_(i-1)) + F_i,   F_i dry friction against v_i - v_belt
+        m_i v_i' = u_i - k_i x_i - c_i v_i + q_i (x_(i+1) - x_i) - q_(i-1) (x_i - x_(i-1)) + F_i
+
+    F_i is dry friction with the slip speed v_i - v_belt. This is the smallest plant in which several contacts stick at
+    different times.
 
     - Needs the signals `blocks.force.i` u_i [N] (default 0), i from 0.
-    - Gives the signals `blocks.position` (n) [m] and `blocks.speed` (n) [m/s].
+    - Gives the signals `blocks.position` x (n) [m] and `blocks.speed` v (n) [m/s].
     - Contacts: `belt.i`.
 
-    Two equal blocks started alike move as one block alone. Defaults: two of Leine's blocks, one a fifth heavier, with a soft tie (chosen).
+    Two equal blocks with equal start values move like one block alone. The defaults are chosen: two of Leine's blocks,
+    the second 20 % heavier, with a soft spring between them.
 
     Examples
     --------
@@ -180,13 +194,20 @@ class BlocksOnBelt(Component):
 
 @dataclass(frozen=True)
 class Absorber(Component):
-    """Dynamic vibration absorber on a block: m_a w' = k_a (x - y) + c_a (v - w), and the block feels the same force back.
+    """Dynamic vibration absorber on a block: m_a w' = k_a (x - y) + c_a (v - w).
 
-    - Needs the signals `block.position` [m] and `block.speed` [m/s].
-    - Gives the signals `absorber.position` y [m], `absorber.speed` w [m/s] and `block.attachment` [N]; with `attached_to="pad"` those of a `DiscBrake`.
+    x and v are position and speed of the block, y and w of the absorber mass. The equal and opposite force acts on the
+    block.
 
-    `Absorber.tuned` gives the one that lets a block bear the most falling friction. An oscillator on an elastic foundation with an absorber is that of
-    Maegawa and Itoigawa, of whose work only this much is known here: a reconstruction. Defaults: tuned to a block of 1 kg on 1 N/m.
+    - Needs the signals `block.position` x [m] and `block.speed` v [m/s].
+    - Gives the signals `absorber.position` y [m], `absorber.speed` w [m/s] and `block.attachment` [N].
+    - With `attached_to="pad"` it is attached to the pads of a `DiscBrake` and uses the signals of the pads in place of
+      the signals of the block.
+
+    `Absorber.tuned` returns the absorber with which a block stays stable under the largest negative damping.
+
+    This model is a reconstruction. Maegawa and Itoigawa studied an oscillator on an elastic foundation with an
+    absorber, but their full paper was not available. Defaults: tuned to a block of 1 kg on a spring of 1 N/m.
 
     Examples
     --------
@@ -204,12 +225,33 @@ class Absorber(Component):
 
     @staticmethod
     def tuned(block: Block | BlockOnBelt, mass_ratio: float) -> Absorber:
-        """The absorber of `mass_ratio` e times the block's mass that keeps the block still under the strongest negative damping.
+        """Return the absorber with which a block stays at rest under a large negative damping.
 
-        With the block's w_n = sqrt(k / m), its frequency is w_n / sqrt(1 + e) and its damping ratio sqrt(e / (1 + e)) / 2: by Hurwitz's conditions
-        both pairs of poles then reach the imaginary axis at once, at the negative damping ratio `Absorber.bearable(e)`. An absorber of that
-        mass set otherwise bears at most sqrt((1 + e)(1 - 1 / sqrt(1 + e)) / 2), a factor of 1 + e / 8 to first order, and only near that limit.
-        Raises SceneError unless e > 0 and the block has a spring.
+        With w_n = sqrt(k / m) of the block and the mass ratio e, the frequency of the absorber is w_n / sqrt(1 + e) and
+        its damping ratio is sqrt(e / (1 + e)) / 2. By the Hurwitz criterion the block is then stable for all negative
+        damping ratios up to `Absorber.max_negative_damping(e)`, where both pole pairs reach the imaginary axis
+        together.
+
+        Another absorber of the same mass can tolerate at most sqrt((1 + e)(1 - 1 / sqrt(1 + e)) / 2). This limit is
+        larger by a factor of 1 + e / 8 to first order. But such an absorber is stable only in a narrow range near the
+        limit, not for all smaller negative damping.
+
+        Parameters
+        ----------
+        block
+            The `Block` or `BlockOnBelt`.
+        mass_ratio
+            Mass of the absorber as a fraction e > 0 of the mass of the block.
+
+        Returns
+        -------
+        Absorber
+            The tuned absorber.
+
+        Raises
+        ------
+        SceneError
+            Unless e > 0 and the block has a spring.
         """
         number("mass_ratio", mass_ratio, above=0)
         number("block.stiffness", block.stiffness, "N/m", above=0)
@@ -220,9 +262,19 @@ class Absorber(Component):
 
     @staticmethod
     def max_negative_damping(mass_ratio: float) -> float:
-        """Return the negative damping ratio of a block up to which `Absorber.tuned(block, e)` keeps the block still: sqrt(e) / 2.
+        """Return the largest negative damping ratio at which `Absorber.tuned(block, e)` keeps a block at rest: sqrt(e) / 2.
 
-        On a belt: sliding is stable while -N mu'(v_belt) - c < 2 m w_n times this. Raises SceneError unless e > 0.
+        For a block on a belt, sliding is stable while -N mu'(v_belt) - c < 2 m w_n times this value.
+
+        Parameters
+        ----------
+        mass_ratio
+            Mass of the absorber as a fraction e of the mass of the block.
+
+        Raises
+        ------
+        SceneError
+            Unless e > 0.
         """
         number("mass_ratio", mass_ratio, above=0)
         return math.sqrt(mass_ratio) / 2

@@ -10,14 +10,17 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, qu
 
 @dataclass(frozen=True)
 class BitRock(Component):
-    """Rock under a rotating bit: set-valued Stribeck torque, T = W R_b [mu_c + (mu_s - mu_c) exp(-gamma |w| / v_f)] sgn w.
+    """Rock under a rotating bit: set-valued Stribeck torque T = W R_b [mu_c + (mu_s - mu_c) exp(-gamma |w| / v_f)] sgn w.
 
-    - Needs the signals `bit.speed` [rad/s] and `bit.weight` [N] (default: the field `weight`).
-    - Gives the signals `bit.torque` [N m].
+    - Needs the signals `bit.speed` w [rad/s] and `bit.weight` W [N] (default: the field `weight`).
+    - Gives the signal `bit.torque` T [N m].
     - Contact: `bit`.
 
-    Defaults: E. M. Navarro-Lopez, D. Cortes, J. Sound Vib. 307 (2007) 152-171, doi:10.1016/j.jsv.2007.06.037 (mu_c 0.5, mu_s 0.8, gamma 0.9, v_f 1 rad/s, so
-    that decay = gamma / v_f = 0.9 s/rad). The viscous drag of the bit belongs to the chain.
+    The viscous drag of the bit belongs to the chain.
+
+    The defaults are mu_c = 0.5, mu_s = 0.8, gamma = 0.9 and v_f = 1 rad/s, so decay = gamma / v_f = 0.9 s/rad.
+
+    Source: E. M. Navarro-Lopez, D. Cortes, J. Sound Vib. 307 (2007) 152-171, doi:10.1016/j.jsv.2007.06.037.
 
     Examples
     --------

@@ -12,19 +12,26 @@ from toolbox.modelling import OptionalQuantity
 
 @dataclass(frozen=True)
 class BrakeActuator(Component):
-    """Actuator of a disc brake: what it delivers follows what is asked with a lag, up to a highest force and a highest rate.
+    """Actuator of a disc brake: first-order lag between commanded and delivered force, with a highest force and a highest rate.
 
         n' = clip((clip(u + d + A p, 0, highest_force) - n) / lag, -rate_limit, rate_limit)
 
-    u is the commanded force of one pad, d a dither, p a brake pressure on a piston of area A. Composed with a `DiscBrake`, the actuator stands between the
-    control laws and the brake: what the laws drive as `brake.force` is `actuator.command`, and no law changes. A dither that goes through the same actuator
-    drives `actuator.dither`. A dead time belongs to the law: `Sampled(law, period, delay=...)`.
+    u is the commanded force of one pad, d a dither, p a brake pressure on a piston of area A, and n the delivered
+    force.
 
-    - Needs the signals `actuator.command`, `actuator.dither` [N] (default 0) and, with a `piston_area`, `actuator.pressure` [Pa] (default 0).
+    Compose it with a `DiscBrake`. The actuator then stands between the controllers and the brake: a controller that
+    gives `brake.force` gives `actuator.command` instead, without any change of the controller. A dither through the
+    same actuator gives `actuator.dither`. A dead time belongs to the controller: `Sampled(controller, period,
+    delay=...)`.
+
+    - Needs the signals `actuator.command` u [N] (default 0), `actuator.dither` d [N] (default 0) and, with a
+      `piston_area`, `actuator.pressure` p [Pa] (default 0).
     - Gives the signals `brake.force` n [N] and, with a `piston_area`, `brake.pressure` n / A [Pa].
 
-    Range: one lag stands for valves, line and caliper. All numbers are chosen; 10 ms and 20 kN/s (some 90 bar/s) are those of a quick hydraulic unit. A limit
-    that is None is not there.
+    A limit that is None does not exist.
+
+    Range of validity: a single lag represents valves, line and caliper. All numbers are chosen: 10 ms and 20 kN/s
+    (about 90 bar/s) are typical of a fast hydraulic unit.
 
     Examples
     --------
@@ -43,12 +50,12 @@ class BrakeActuator(Component):
 
     @property
     def routes(self):
-        """What control laws find in place of the force of the pads."""
+        """Signals that the actuator redirects: controllers that give `brake.force` are connected to `actuator.command`."""
         return {"brake.force": f"{self.name or 'actuator'}.command"}
 
     @property
     def signal_limits(self):
-        """The limits of the force, for whoever draws it."""
+        """Limits of the force as {signal: (lowest, highest)}, for figures."""
         return {"brake.force": (0.0, self.highest_force)}
 
     def equations(self, signal):

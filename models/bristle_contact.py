@@ -68,20 +68,30 @@ class _Bristle(Relay):
 
 @dataclass(frozen=True)
 class BristleContact(Component):
-    """Row of n bristles between a slider and a plate that share the load; every one sticks and slips on its own, without inertia.
+    """Contact of a slider on a plate as n bristles without inertia, which share the load and stick and slip independently.
 
         z_i' = v - v_plate - w_i ,   F = -sum k/n z_i ,   |k/n z_i| <= mu N share_i ,   w_i = 0 unless at the bound
 
-    Loading from rest follows F(x) = sum min(k x / n, mu N share_i), reversals follow Masing's rule.
+    z_i is the deflection and w_i the slip speed of bristle i. Under loading from rest F(x) = sum min(k x / n, mu N
+    share_i), and reversals follow Masing's rule.
 
-    - Needs the signals `slider.speed` v [m/s] (default 0), `plate.speed` [m/s] (default 0), `plate.load` N [N] (default: the field).
-    - Gives the signals `plate.drag` F [N], the force on the slider, and `plate.stuck` [1], the part of the bristles below their bound.
-    - State: `plate.stretch` z (n) [m], from 0.
-    - Elements: `plate.i` with modes "stick" and "slip" and signals `plate.i.force` [N] and `plate.i.slip` w_i [m/s].
+    - Needs the signals `slider.speed` v [m/s] (default 0), `plate.speed` v_plate [m/s] (default 0), `plate.load` N [N]
+      (default: the field).
+    - Gives the signals `plate.drag` F [N], the force on the slider, and `plate.stuck` [1], the fraction of the bristles
+      below their bound.
+    - State: `plate.stretch` z (n) [m], which begins at 0.
+    - Elements: `plate.i` with the modes "stick" and "slip" and the signals `plate.i.force` [N] and `plate.i.slip` w_i
+      [m/s].
 
-    A load that varies must stay above 0; where it falls by more than 1e4 of itself per second a bristle may be left "beyond" its bound. One coefficient mu:
-    without inertia a bristle would jump from a static to a lower kinetic bound. Source: textbook (Jenkins element, Iwan model). The stiffness is an
-    assumption.
+    Range of validity:
+
+    - A varying load must stay above 0. If it falls by more than 1e4 of its value per second, a bristle may be left
+      "beyond" its bound.
+    - There is one coefficient mu. A bristle without inertia would jump from a static to a lower kinetic bound.
+
+    Source: textbook (Jenkins element, Iwan model).
+
+    The stiffness is an assumption.
 
     Examples
     --------

@@ -53,10 +53,17 @@ class Bristle(FrictionLaw):
 
 @dataclass(frozen=True)
 class Dahl(Bristle):
-    """Dahl's friction: a spring that yields, F = -N s z, z' = v - |v| s z / mu, v the slip.
+    """Dahl friction: a spring that yields, F = -N s z, z' = v - |v| s z / mu.
 
-    From rest the force depends on the distance d alone: |F| = mu N (1 - exp(-s d / mu)). It has no break-away force above mu N, so there is no stick-slip.
-    Range: any speed. Source: P. R. Dahl (1968), with the exponent 1. Defaults: chosen.
+    v is the slip speed, z the deflection of the spring and s its stiffness per unit of load. From rest the force
+    depends only on the distance d: |F| = mu N (1 - exp(-s d / mu)). There is no break-away force above mu N, so this
+    friction law does not cause stick-slip.
+
+    Range of validity: any speed.
+
+    Source: P. R. Dahl (1968), with the exponent 1.
+
+    Defaults: chosen.
 
     Examples
     --------
@@ -78,14 +85,21 @@ class Dahl(Bristle):
 
 @dataclass(frozen=True)
 class LuGre(Bristle):
-    """LuGre friction: a bristle that yields at the Stribeck curve g(|v|) = mu(|v|) of the law `steady`, v the slip.
+    """LuGre friction: a bristle that yields at the Stribeck curve g(|v|) = mu(|v|) of the friction law `steady`.
 
         F = -N (s0 z + s1 z' + s2 v),   z' = v - s0 |v| z / g(|v|)
 
-    Sliding steadily, |F| = N (g(|v|) + s2 |v|). |s0 z| never exceeds the static coefficient once it is below. Its losses, a quadratic form in z and v, are
-    never negative while |v| <= 4 g(|v|) (s1 + s2) / s1^2; beyond, a constant s1 can give back more than it took. Pulled slowly it breaks away near the static
-    bound; the faster the pull, the lower the peak. Source: C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, IEEE Trans. Automatic Control 40 (1995)
-    419-425. Defaults: chosen, of the size of Leine's block.
+    v is the slip speed and z the deflection of the bristle.
+
+    - At steady sliding |F| = N (g(|v|) + s2 |v|).
+    - |s0 z| never exceeds the static coefficient if it begins below it.
+    - The dissipated power is a quadratic form in z and v. It is never negative while |v| <= 4 g(|v|) (s1 + s2) / s1^2.
+      Above this speed a constant s1 can return more energy than it took.
+    - Under a slow pull the break-away force is close to the static bound. The faster the pull, the lower the peak.
+
+    The defaults are chosen: they have the size of Leine's block.
+
+    Source: C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, IEEE Trans. Automatic Control 40 (1995) 419-425.
 
     Examples
     --------
@@ -105,12 +119,20 @@ class LuGre(Bristle):
 
 @dataclass(frozen=True)
 class Dankowicz(Bristle):
-    """Asperities that bend by at most a reach z_m: F = -N mu(|v|) z / z_m, z' = v - |v| z / z_m, v the slip, mu the law `steady`.
+    """Friction of asperities that bend by at most z_m: F = -N mu(|v|) z / z_m, z' = v - |v| z / z_m.
 
-    How far they are bent depends on the distance d alone, from rest z = z_m (1 - exp(-d / z_m)); how hard they pull depends on the present speed. After a few
-    z_m of sliding one way, |F| = N mu(|v|). The model stores no energy: pulling back bent asperities costs as much as they gave, so that it drives the contact
-    while z and v differ in sign. A reconstruction after H. Dankowicz, ZAMM 79 (1999) 399-409, with a law in place of the separation of the surfaces that the
-    source couples to the slip. Defaults: chosen.
+    v is the slip speed, z the bending of the asperities and mu the friction law `steady`.
+
+    - The bending depends only on the distance d. From rest it is z = z_m (1 - exp(-d / z_m)).
+    - The force depends on the bending and on the present speed. After sliding by a few z_m in one direction, |F| = N
+      mu(|v|).
+    - The model stores no energy. When the motion reverses, z and v have opposite signs for a short distance, and the
+      contact then drives the motion.
+
+    This law is a reconstruction. In the source the separation of the surfaces is coupled to the slip. Here a friction
+    law replaces this coupling. Defaults: chosen.
+
+    Source: H. Dankowicz, ZAMM 79 (1999) 399-409.
 
     Examples
     --------

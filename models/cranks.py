@@ -36,9 +36,17 @@ def _turned(signal, inertia, mass, damping, friction, place, angle, speed):
 
 @dataclass(frozen=True)
 class CrankSlider(Component):
-    """A crank that moves a slider by a connecting rod, with dry friction at the guide: x = r cos a + sqrt(l^2 - (r sin a)^2).
+    """Crank and connecting rod that move a slider, with dry friction at its guide: x = r cos a + sqrt(l^2 - (r sin a)^2).
 
-    Its input is the torque `crank.torque`. Range: rod longer than the crank. Numbers are chosen. Equations and source: `models.cranks`.
+        (J + m p^2) w' + m p p' w^2 = T - d w + p F,   p = dx/da
+
+    a is the angle of the crank and w its speed, x the position of the slider and F the friction at the guide. The input
+    is the torque T, `crank.torque` [N m].
+
+    At a dead centre p = 0, so the friction of the guide does not hold the crank there.
+
+    Range of validity: a rod that is longer than the crank; the force of the rod on the guide is neglected. All numbers
+    are chosen. `models.cranks` contains the source.
 
     Examples
     --------
@@ -67,9 +75,15 @@ class CrankSlider(Component):
 
 @dataclass(frozen=True)
 class ScotchYoke(Component):
-    """A pin on a crank that moves a slotted yoke to and fro, with dry friction at its guide: x = r sin a.
+    """Crank pin that moves a slotted yoke to and fro, with dry friction at the guide of the yoke: x = r sin a.
 
-    Its input is the torque `crank.torque`. Numbers are chosen. Equations and source: `models.cranks`.
+        (J + m p^2) w' + m p p' w^2 = T - d w + p F,   p = dx/da
+
+    a is the angle of the crank and w its speed, x the position of the yoke and F the friction at the guide. The input
+    is the torque T, `crank.torque` [N m].
+
+    At a dead centre p = 0, so the friction of the guide does not hold the crank there. All numbers are chosen.
+    `models.cranks` contains the source.
 
     Examples
     --------

@@ -10,19 +10,27 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, qu
 
 @dataclass(frozen=True)
 class FrictionDamper(Component):
-    """Friction damper on a block: a slider of small mass on the ground, tied to the block by a spring and damper (a Jenkins element).
+    """Friction damper on a block: a slider of small mass on the ground, joined to the block by a spring and a damper (Jenkins element).
 
-        m_d w' = k_d (x - y) + c_d (v - w) + F,   F dry friction against w
+        m_d w' = k_d (x - y) + c_d (v - w) + F,   F dry friction with slip speed w
 
-    While it sticks it is a spring; where |k_d (x - y)| would pass the static force F_c it slides. A slider without mass takes W = 4 F_c (X - F_c / k_d) from
-    a slow swing of amplitude X > F_c / k_d, at most k_d X^2 where F_c = k_d X / 2; without load it takes nothing, and nothing when it never slides.
+    x and v are position and speed of the block, y and w of the slider. The slider sticks, and the damper acts as a
+    spring, while |k_d (x - y)| is below the static friction force F_c. Above it the slider slides.
+
+    A massless slider dissipates the energy W = 4 F_c (X - F_c / k_d) per cycle of a slow oscillation of the block with
+    amplitude X > F_c / k_d. The maximum of W is k_d X^2, for F_c = k_d X / 2. The damper dissipates nothing if it has
+    no normal load or if it never slides.
 
     - Needs the signals `block.speed` v [m/s] and `damper.load` [N] (default: the field).
     - Gives the signals `block.attachment` [N], `damper.stretch` x - y [m], `damper.speed` w [m/s].
     - Contact: `damper`.
 
-    Why a mass: the slider's speed is then a state that sticks exactly. c_d calms its ringing on the spring; the default is critical for the default mass.
-    Range: sqrt(k_d / m_d) far above the vibration. Source: textbook; numbers chosen.
+    Why the slider has a mass: its speed is then a state that sticks exactly. c_d damps the vibration of the slider on
+    its spring. The default c_d is the critical damping for the default mass.
+
+    Range of validity: sqrt(k_d / m_d) far above the frequency of the vibration. The numbers are chosen.
+
+    Source: textbook.
 
     Examples
     --------

@@ -14,29 +14,42 @@ from toolbox.modelling import OptionalQuantity
 
 @dataclass(frozen=True)
 class DiscBrake(Component):
-    """Disc between two pads that a caliper holds against turning with a spring and damper.
+    """Disc between two pads on a caliper, which is held against rotation by a spring and a damper.
 
-        I w' = T_drive - r F ;   m v' = F + a - k x - c v ;   F dry friction against r w - v, with load 2 N
+        I w' = T_drive - r F ;   m v' = F + a - k x - c v ;   F dry friction with slip speed r w - v and load 2 N
 
-    x and v are the tangential motion of pads and caliper at the effective radius r, and N = `brake.force` + `brake.disturbance` is the normal force of one pad.
-    Where a `lag` of the actuator is given, it stands between the command and N and is of first order (`BrakeActuator` has limits as well). The commanded
-    force must stay >= 0: pads push. What is None is not there:
+    w is the speed of the disc. x and v are position and speed of pads and caliper in tangential direction at the
+    effective radius r. N = `brake.force` + `brake.disturbance` is the normal force of one pad. The commanded force must
+    stay >= 0, because pads only push.
 
-    - `wheel_radius` R makes the speed of the car, R w, a state in place of that of the disc, so that a stop begins as `start={"disc.car_speed": "30 km/h"}`.
-    - `other_friction` gives the second pad a friction of its own, so that each pad carries the load N; both hang on one caliper.
-    - `heat_capacity` C makes the disc warm: C h' = F (r w - v) - cooling h, h its temperature above the surroundings, and all friction is multiplied by
-      max(1 - fade h, 0).
+    Optional features (default None: off):
 
-    - Needs the signals `brake.force` [N] (default: the field `force`), `brake.disturbance` [N] (default 0; a harmonic one is the input `sine`), `disc.torque`
-      T_drive [N m] (default 0), `pad.attachment` a [N] (default 0), the force of what is tied to the pads: an absorber, a shaker.
-    - Gives the signals `disc.speed` w [rad/s], `pad.position` [m], `pad.speed` [m/s], `brake.torque` r F [N m]; with a lag `brake.normal_force` [N], with a
-      wheel radius `disc.car_speed` [m/s], with a heat capacity `disc.warming` h [K].
-    - Contacts: `pad`, and with a second friction `other_pad`. They stick and break away together.
+    - `lag`: a first-order lag between the command and N. `BrakeActuator` is an actuator with limits.
+    - `wheel_radius` R: the speed of the car, R w, replaces the speed of the disc as a state. A stop then begins with
+      `start={"disc.car_speed": "30 km/h"}`.
+    - `other_friction`: a separate friction law for the second pad, so that each pad carries the load N. Both pads are
+      on one caliper.
+    - `heat_capacity` C: the temperature h of the disc above the surroundings, C h' = F (r w - v) - cooling h. All
+      friction is multiplied by max(1 - fade h, 0).
 
-    Range: low speed (groan, below some 3 rad/s of the defaults); squeal (`SquealingPad`) and the warming of the pads are left out. All numbers are chosen, not
-    published: a passenger car of 1600 kg on tyres of 0.3 m, a quarter of it as inertia on the disc, pads and caliper at 50 Hz. The pad then loses its damping
-    where 2 N (mu_s - mu_k) decay exp(-decay r w) > c. The form of the plant is that of the disc and pad with normal harmonic force of Balaram et al., of which
-    only this much is known here: a reconstruction.
+    Signals:
+
+    - Needs `brake.force` [N] (default: the field `force`), `brake.disturbance` [N] (default 0; use the input `sine` for
+      a harmonic disturbance), `disc.torque` T_drive [N m] (default 0), and `pad.attachment` a [N] (default 0), the
+      force of a part that is attached to the pads, for example an absorber or a shaker.
+    - Gives `disc.speed` w [rad/s], `pad.position` x [m], `pad.speed` v [m/s], `brake.torque` r F [N m]. With a lag also
+      `brake.normal_force` [N], with a wheel radius `disc.car_speed` [m/s], with a heat capacity `disc.warming` h [K].
+    - Contacts: `pad` and, with a second friction law, `other_pad`. They stick and break away together.
+
+    Range of validity: groan at low speed (below about 3 rad/s for the default values). Squeal (see `SquealingPad`) and
+    the heating of the pads are not modelled.
+
+    Default values: all are chosen, not published. They represent one wheel of a passenger car of 1600 kg on tyres of
+    0.3 m radius. A quarter of the mass acts as inertia on the disc. Pads and caliper have a natural frequency of 50 Hz.
+    With exponential friction the pad loses its damping if 2 N (mu_s - mu_k) decay exp(-decay r w) > c.
+
+    This model is a reconstruction: the structure (disc and pad with a harmonic normal force) follows Balaram et al.,
+    whose full paper was not available.
 
     Examples
     --------

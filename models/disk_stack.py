@@ -15,9 +15,10 @@ from toolbox.authoring import NumberOrText, number, whole
 
 @dataclass(frozen=True)
 class DiskStack(Component):
-    """Rotors and stators in turn, pressed together by an actuator; each of the 2 n interfaces sticks and slips on its own.
+    """Multi-disc brake: rotors and stators in alternation, pressed together by an actuator.
 
-    Disk j = 0 .. 2n is a stator where j is even, a rotor where it is odd; interface i lies between disks i and i+1 and has its own load N_i:
+    Each of the 2 n interfaces sticks and slips independently. Disk j = 0 .. 2n is a stator if j is even and a rotor if
+    j is odd. Interface i lies between the disks i and i+1 and has its own load N_i:
 
         rotor    J_r w_j' = T_(j-1) + T_j - k_r a_j - c_r a_j' ,   a_j' = w_j - w_wheel
         stator   J_s w_j' = -T_(j-1) - T_j - k_s a_j - c_s a_j' ,  a_j' = w_j
@@ -26,18 +27,23 @@ class DiskStack(Component):
         axial    m_j z_j'' = N_(j-1) - N_j - c_z z_j' ,  N_i = max(0, F_0 + k_c (z_i - z_(i+1)))
                  N_(-1) = F_a (actuator),  N_2n = F_0 + k_b z_2n (back plate)
 
-    z_j is counted from where the disk rests under F_0, the field `actuator_force`: a start from zero is a closed stack. Faces part and meet
-    again: without damping in the contact its force has a kink there and no jump. What damps the axial motion are the keys.
-    Friction does not act back on the axial motion, and nothing but inertia makes the loads of the interfaces differ.
+    - The position z_j is counted from the position at rest under F_0, the field `actuator_force`. A start from zero is
+      therefore a closed stack.
+    - Faces may separate and touch again. The contacts have no damping, so their force has a kink at this point but no
+      jump. The axial motion is damped at the keys.
+    - Friction has no influence on the axial motion. Only inertia makes the loads of the interfaces differ.
 
-    - Needs the signals `stack.torque` T [N m] (default 0) and `stack.actuator_force` F_a [N] (default: the field).
-    - Gives the signals `stack.brake_torque` [N m], the torque of all rotors against the wheel, and `stack.load` (2n) [N].
-    - States: `stack.twist` (2n+1) [rad], `stack.speed` (2n+1) [rad/s], `stack.wheel_speed` [rad/s], `stack.position` (2n+1) [m], `stack.axial_speed` (2n+1)
-      [m/s].
+    Signals:
+
+    - Needs `stack.torque` T [N m] (default 0) and `stack.actuator_force` F_a [N] (default: the field).
+    - Gives `stack.brake_torque` [N m], the torque of all rotors against the wheel, and `stack.load` (2n) [N].
+    - States: `stack.twist` (2n+1) [rad], `stack.speed` (2n+1) [rad/s], `stack.wheel_speed` [rad/s], `stack.position`
+      (2n+1) [m], `stack.axial_speed` (2n+1) [m/s].
     - Contacts: `stack.i`, i from 0 to 2n-1.
 
-    A reconstruction: of the eight-rotor assembly of J. A. Larsson and K. Farhang only the abstract is known (slip phases of nearly constant
-    duration, stick phases that grow until the last). Equations and all numbers are chosen to show that.
+    This model is a reconstruction. Of the eight-rotor assembly of J. A. Larsson and K. Farhang only the abstract was
+    available. It reports slip phases of nearly constant duration and stick phases that grow until the last one. The
+    equations and all numbers are chosen to reproduce this.
 
     Examples
     --------
@@ -124,17 +130,32 @@ class DiskStack(Component):
         )
 
     def clamped(self, force: NumberOrText) -> np.ndarray:
-        """Axial positions z [m], shape (2n+1,), at rest under another actuator force [N] > 0: a start without axial motion.
+        """Return the axial positions of the disks at rest under another actuator force, for a start without axial motion.
 
-        Each of the springs in a row carries the force: z_j = (force - F_0) (1 / k_b + (2n - j) / k_c). Raises SceneError unless force > 0: faces that
-        just touch would begin with bounds and gaps of nothing.
+        Every spring of the stack carries the force: z_j = (force - F_0) (1 / k_b + (2n - j) / k_c).
+
+        Parameters
+        ----------
+        force
+            Actuator force [N], > 0.
+
+        Returns
+        -------
+        numpy.ndarray
+            Axial positions z [m], shape (2n+1,).
+
+        Raises
+        ------
+        SceneError
+            Unless force > 0. Faces that touch without force would begin with a friction bound and a gap of exactly
+            zero.
         """
         force = number("force", force, "N", above=0)
         behind = np.arange(2 * self.rotors, -1, -1)
         return (force - self.actuator_force) * (1 / self.back_stiffness + behind / self.contact_stiffness)
 
     def axial_frequencies(self) -> np.ndarray:
-        """Natural frequencies of the closed stack in axial direction [rad/s], shape (2n+1,), ascending; damping is left out."""
+        """Compute the undamped axial natural frequencies of the closed stack [rad/s], shape (2n+1,), ascending."""
         masses = [self.stator_mass, *[self.rotor_mass, self.stator_mass] * self.rotors]
         springs = [*[self.contact_stiffness] * (2 * self.rotors), self.back_stiffness]
         return 2 * np.pi * chain_frequencies([*masses, 1.0], springs, bit_held=True)  # behind the back plate nothing moves

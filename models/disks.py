@@ -80,16 +80,19 @@ def _annulus(inner: NumberOrText, outer: NumberOrText) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class TwoDisks(Component):
-    """Rotor rubbing on a stator that is held by a torsional spring and damper.
+    """Rotor that rubs on a stator, which is held by a torsional spring and a damper.
 
-        I1 w1' = T + F ;   I2 w2' = -F - k th2 - c w2 ;   th2' = w2 ;   F friction torque N R mu against w = w1 - w2
+        I1 w1' = T + F ;   I2 w2' = -F - k th2 - c w2 ;   th2' = w2 ;   F friction torque N R mu with slip speed w = w1 - w2
 
     - Needs the signals `disks.torque` T [N m] (default 0) and `disks.normal_force` N [N] (default: the field).
     - Contact: `disks`.
 
-    A reconstruction: only the abstract of J. A. Larsson and K. Farhang (2016) is public. The equations and the defaults (a stop from `disks.rotor_speed` = 2
-    rad/s) are chosen to show what it reports: cycles that start near the period of the stator and end near three times as much. From up to 4 rad/s every
-    cycle is computable; from 6 rad/s on the motion of the stator dies to round-off before its damping turns negative, and `run.error` is of order one.
+    This model is a reconstruction, because only the abstract of J. A. Larsson and K. Farhang (2016) is public. The
+    equations and the defaults are chosen to reproduce the reported result: a stop (from `disks.rotor_speed` = 2 rad/s)
+    with stick-slip cycles that begin near the period of the stator and end near three times this period.
+
+    From start speeds up to 4 rad/s every cycle can be computed. From 6 rad/s on the motion of the stator decays to
+    round-off before its damping becomes negative. `run.error` is then of the order of 1.
 
     Examples
     --------
@@ -133,19 +136,22 @@ def _turning(disks: Any, torque: ca.SX, force: ca.SX) -> Equations:
 
 @dataclass(frozen=True)
 class PressedDisks(Component):
-    """Two disks that an actuator closes and presses together: torsion as in `TwoDisks`, its load from an axial motion with contact and loss of it.
+    """Two disks that an actuator presses together across a gap: the torsion of `TwoDisks` with an axial motion that gives the normal force.
 
-        I1 w1' = T + F ;   I2 w2' = -F - k th2 - c w2 ;   th2' = w2 ;   F friction torque N R mu against w = w1 - w2
+        I1 w1' = T + F ;   I2 w2' = -F - k th2 - c w2 ;   th2' = w2 ;   F friction torque N R mu with slip speed w = w1 - w2
         m1 z1'' = F_a - N ;   m2 z2'' = N - k_a z2 - c_a z2' ;   d = z1 - z2 - gap
         N = max(0, k_c d + c_c d') while the faces touch (d > 0), else 0
 
     - Needs the signals `disks.torque` T [N m] (default 0) and `disks.actuator_force` F_a [N] (default: the field).
-    - Gives the signals `disks.normal_force` N [N].
+    - Gives the signal `disks.normal_force` N [N].
     - Contacts: `disks` (stick and slip) and `disks.faces` (open and closed).
 
-    Friction does not act back on the axial motion. A reconstruction, as `TwoDisks`: axial masses, contact, gap and torsion are a set that shows what the
-    abstract reports in a stop from 10 rad/s with the force ramped up in 50 ms; the mount of the stator in axial direction (k_a, c_a) is an assumption on top
-    of it.
+    Friction has no influence on the axial motion.
+
+    This model is a reconstruction, like `TwoDisks`: only the abstract of J. A. Larsson and K. Farhang (2016) was
+    available. The parameter values are not published. They were chosen to reproduce the results in the abstract, for a
+    stop from 10 rad/s in which the force rises in 50 ms. The axial mount of the stator (k_a, c_a) is an additional
+    assumption.
 
     Examples
     --------

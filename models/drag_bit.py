@@ -43,27 +43,54 @@ def radau(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class DragBit(Component):
-    """Cutting and rubbing of a drag bit with n blades (Richard, Germay and Detournay).
+    """Drag bit with n blades, which cuts and rubs (model of Richard, Germay and Detournay).
 
-        T = eps a^2 d/2 + mu gamma (a/2) W_f,   W = zeta eps a d + W_f,   d = n q(1) on bottom, 0 off it
+        T = eps a^2 d/2 + mu gamma (a/2) W_f,   W = zeta eps a d + W_f,   d = n q(1) on bottom, 0 off bottom
 
-    d is the depth of cut per revolution. The wear flats carry W_f = l a sigma while the bit moves down, nothing while it moves up, and anything between at
-    rest: contact `bit.axial`. Both parts of the torque resist forward rotation, only the flats resist backward rotation, and a bit at rest holds anything
-    between: contact `bit`. With a depth of cut below `engagement` the flats carry in proportion, so that touching down is no jump.
+    T is the torque, W the weight on bit and d the depth of cut per revolution. q is the height of the rock above the
+    blade tip between two blades: q(s) = height at the fraction s of the blade angle, q(1) at the face of the blade.
 
-    - Needs the signals `bit.speed` w [rad/s] and `bit.axial_speed` v [m/s], downwards.
-    - Gives the signals `bit.torque` T [N m], `bit.weight` W [N] and `bit.cut_depth` d [m], negative off bottom.
-    - States: `bit.profile` q (nodes) [m], see the module.
+    Contacts:
 
-    With `prescribed` the speed is the input `bit.speed` (default 10 rad/s), which must not be negative, and there is no contact `bit`. `nodes`: give eight per
-    axial oscillation between two blades; too few can make the bit lift off.
+    - `bit.axial`: the wear flats carry the weight W_f = l a sigma while the bit moves down, nothing while it moves up,
+      and any value between at rest. Below a depth of cut of `engagement` the wear flats carry a proportional part, so
+      that the force does not jump at touchdown.
+    - `bit`: both parts of the torque resist forward rotation. Only the wear flats resist backward rotation. At rest the
+      bit holds any torque between these bounds.
 
-    Source: T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007). Assumed: all numbers, of the size that source uses; `engagement`; equal blades;
-    backward rotation, which the source leaves out: the rock ahead waits until the blades go forward again, and what was turned back is not cut twice.
+    Signals:
 
-    Range: rotation with |v| < a w/(2 zeta), in which the rock only takes energy. A bit that is thrown off bottom and lands leaves this range: the cutting
-    force, which does not ask whether the bit sinks or rises, throws it up again like a spring, and higher. So a run with negative `bit.cut_depth` is a warning,
-    not a forecast. A bit at rest needs some torque in the string: without any, while the flats carry nothing, it lies on the edge of what it can hold.
+    - Needs `bit.speed` w [rad/s] and `bit.axial_speed` v [m/s], positive downwards.
+    - Gives `bit.torque` T [N m], `bit.weight` W [N] and `bit.cut_depth` d [m], which is negative off bottom.
+    - States: `bit.profile` q (nodes) [m].
+
+    With `prescribed` the speed of rotation is the input `bit.speed` (default 10 rad/s), which must not be negative.
+    There is then no contact `bit`.
+
+    `nodes`: use eight nodes per axial oscillation between two blades. With too few nodes the bit may lift off for
+    numerical reasons.
+
+    Source: T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007).
+
+    Assumptions: all numbers have the size of the numbers in the source. `engagement` and equal blades are assumptions.
+    Backward rotation is not part of the source: here the rock ahead waits until the blades move forward again, and rock
+    is not cut twice.
+
+    Range of validity: rotation with |v| < a w/(2 zeta). In this range the rock only dissipates energy. A bit that is
+    thrown off bottom and lands again leaves this range: the cutting force does not depend on the direction of v, so it
+    acts like a spring and throws the bit up again, and higher. Treat a run with negative `bit.cut_depth` as a warning,
+    not as a prediction.
+
+    At rest the string needs some torque. If it has none while the wear flats carry nothing, the friction bound of the
+    bit is zero.
+
+    Examples
+    --------
+    >>> from models import AxialChain, DragBit, TorsionalPendulum
+    >>> from toolbox import compose
+    >>> plant = compose(AxialChain(), TorsionalPendulum(), DragBit())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    20 states, 2 contacts
     """
 
     radius: Quantity = quantity(0.108, "m", "radius a of the bit", above=0, typical_range=(0.01, 1.0))

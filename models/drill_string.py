@@ -15,20 +15,29 @@ from toolbox.modelling import OptionalQuantities, Quantities
 
 @dataclass(frozen=True)
 class TorsionalChain(Component):
-    """Inertias in a row, from the top drive (first) to the bit (last), joined by springs and dampers.
+    """Torsional drill string: inertias in a row from the top drive (first) to the bit (last), joined by springs and dampers.
 
         J_i w_i' = tau_(i-1) - tau_i - c_i w_i + T_i,   tau_i = k_i twist_i + c_i,i+1 (w_i - w_(i+1)),   twist_i' = w_i - w_(i+1)
 
-    Twists instead of angles: n inertias have 2n-1 states, `chain.twist` (n-1) [rad] and `chain.speed` (n) [rad/s].
+    The states are twists instead of angles: n inertias have 2n-1 states, `chain.twist` (n-1) [rad] and `chain.speed`
+    (n) [rad/s].
 
-    - Needs the signals `top.torque` [N m] (default 0) and `bit.torque` [N m] (default 0, against the rotation).
-    - Gives the signals `top.speed`, `bit.speed` [rad/s], `top.load` [N m], the torque of the string on the top inertia, `bit.free_acceleration` [rad/s2],
-      that of the last inertia without the rock, and `bit.inertia` [kg m2].
+    - Needs the signals `top.torque` [N m] (default 0) and `bit.torque` [N m] (default 0), positive against the
+      rotation.
+    - Gives the signals `top.speed` and `bit.speed` [rad/s], `top.load` [N m], the torque of the string on the top
+      inertia, `bit.free_acceleration` [rad/s2], the acceleration of the last inertia without the rock, and
+      `bit.inertia` [kg m2].
 
-    `friction` adds dry friction at every inertia i, contact `chain.i` (i from 0, like the columns of `chain.speed`), with load `friction_load[i]`; with one
-    load less the last inertia has none, as where `BitRock` holds it. `friction_at` names the inertias that have friction, one for each load, where others
-    have none. `drag` c_i adds to `top_drag` and `bit_drag`. `collar_index` is the inertia (-1: last) on which a part acts sideways of the string, such as
-    `WhirlingCollar`: it needs `collar.torque` [N m] (0) and gives `collar.speed` [rad/s].
+    Options:
+
+    - `friction`: dry friction law at the inertias. The contact of inertia i is `chain.i`, i from 0, with the load
+      `friction_load[i]`.
+    - `friction_load`: one load per inertia. If it has n-1 entries, the last inertia has no friction (use this if
+      `BitRock` acts there).
+    - `friction_at`: indices of the inertias that have friction, one for each load. The other inertias have none.
+    - `drag`: viscous drag c_i of every inertia, in addition to `top_drag` and `bit_drag`.
+    - `collar_index`: index of the inertia (-1: last) to which a lateral model such as `WhirlingCollar` is attached. The
+      chain then also needs `collar.torque` [N m] (default 0) and gives `collar.speed` [rad/s].
 
     Examples
     --------
@@ -69,7 +78,7 @@ class TorsionalChain(Component):
 
     @property
     def lumped(self) -> str:
-        """The number of inertias and the first torsional modes without drive and rock, in words."""
+        """Text with the number of inertias and the first torsional natural frequencies, without drive and rock."""
         k, n = np.array(self.stiffness, float), len(self.inertia)
         joints = np.diff(np.eye(n), axis=0)
         root = 1.0 / np.sqrt(np.array(self.inertia, float))

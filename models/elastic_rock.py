@@ -13,16 +13,31 @@ from toolbox.modelling import OptionalQuantity
 
 @dataclass(frozen=True)
 class ElasticRock(Component):
-    """Elastic rock that carries the bit while it touches: W = max(0, k d + c d') on bottom, 0 off it; d = z + a cos(j phi).
+    """Elastic rock that carries the bit while they touch: W = max(0, k d + c d') on bottom, 0 off bottom, d = z + a cos(j phi).
 
-    z is the depth of the bit below the mean surface, which is at rest: hook speeds are relative to the mean rate of penetration. A surface with j lobes of
-    height a, as roller-cone bits leave it, lifts the bit once per lobe. Contact: `bit.bottom`, open or closed.
+    z is the depth of the bit below the mean surface of the rock, and phi is the angle of the bit. The mean surface is
+    at rest, so the hook speed is relative to the mean rate of penetration. Roller-cone bits leave a surface with j
+    lobes of height a. The lobes lift the bit once per lobe.
 
-    - Needs the signals `bit.axial_speed` [m/s], downwards, and with lobes `bit.speed` [rad/s].
-    - Gives the signals `bit.weight` W [N], `bit.position` z [m], a state, and with lobes `bit.angle` phi [rad], another.
+    - Needs the signals `bit.axial_speed` [m/s], positive downwards, and, with lobes, `bit.speed` [rad/s].
+    - Gives the signals `bit.weight` W [N], the state `bit.position` z [m] and, with lobes, the state `bit.angle` phi
+      [rad].
+    - Contact: `bit.bottom`, with the modes "open" and "closed".
 
-    The torque that lobes need to lift the bit is left out, as is usual: its power is the supply `lobes`. Textbook; stiffness and damping are chosen, of the
-    size of stiff rock under a bit.
+    The torque that lifts the bit over the lobes is neglected, as is usual. In the energy audit its power is the supply
+    `lobes`.
+
+    Source: textbook.
+
+    Stiffness and damping are chosen: they have the size of stiff rock under a bit.
+
+    Examples
+    --------
+    >>> from models import AxialChain, ElasticRock
+    >>> from toolbox import compose
+    >>> print(compose(AxialChain(), ElasticRock()))
+    HybridSystem(AxialChain, ElasticRock): 3 states (axial.stretch, axial.speed, bit.position); contacts:
+      bit.bottom; inputs: hook.speed [m/s]
     """
 
     stiffness: Quantity = quantity(1e8, "N/m", "stiffness k of the rock under the bit", above=0)

@@ -21,23 +21,26 @@ from toolbox.modelling import OptionalQuantities, Quantities
 
 @dataclass(frozen=True)
 class FlowLine(Component):
-    """Segments in a row from the inlet to the outlet; Q_0 is the flow put in, p_(n+1) the pressure at the outlet.
+    """Hydraulic line as segments in a row from the inlet to the outlet.
 
         C_i p_i' = Q_(i-1) - Q_i,     L_i Q_i' = p_i - p_(i+1) - R_i Q_i - K_i Q_i |Q_i| - F_i
 
-    n segments have 2 n states, `line.pressure` [Pa] and `line.flow` [m3/s].
+    p_i is the pressure at the head of segment i and Q_i the flow through it. Q_0 is the flow into the line, and p_(n+1)
+    is the pressure at the outlet. n segments have 2 n states, `line.pressure` [Pa] and `line.flow` [m3/s].
 
-    - Needs the signals `line.inlet_flow` Q_0 [m3/s] (default 0) and `line.outlet_pressure` [Pa] (default 0).
+    - Needs the signals `line.inlet_flow` Q_0 [m3/s] (default 0) and `line.outlet_pressure` p_(n+1) [Pa] (default 0).
     - Gives the signals `line.inlet_pressure` p_1 [Pa] and `line.outlet_flow` Q_n [m3/s].
 
     The loss of a nozzle at the end is part of the last K (`nozzle_loss`).
 
-    `gel` adds the yield pressure of a fluid that gels at rest, |F_i| <= load_i static at rest and load_i sliding(|Q_i|) in flow, contact `line.i` (i from 0),
-    with `gel_load` [Pa] per segment: for a round pipe 4 tau l / d (balance of forces at the wall). The gel is back as soon as the flow rests. One segment
-    breaks at the full strength of the line; many break one after another from the pump on, at less (see `studies/questions/networks.py`).
+    `gel` adds the yield pressure F_i of a fluid that gels at rest: |F_i| <= load_i static at rest and load_i
+    sliding(|Q_i|) in flow. The contact of segment i is `line.i` (i from 0). load_i is `gel_load` [Pa] of the segment.
+    For a round pipe it is 4 tau l / d, from the balance of forces at the wall. The gel has its full strength again as
+    soon as the flow stops. A single segment breaks at the full strength of the line. With many segments they break one
+    after another from the pump on, at a lower pressure (see `studies/questions/networks.py`).
 
-    Range: one-dimensional flow, laminar where R is that of Poiseuille; waves of some ten segments and longer; pressures relative to the surroundings. The
-    defaults are an example.
+    Range of validity: one-dimensional flow, laminar if R is the resistance of Poiseuille; waves that are about ten
+    segments long or longer. Pressures are relative to the surroundings. The defaults are an example.
 
     Examples
     --------
@@ -68,15 +71,15 @@ class FlowLine(Component):
     ) -> FlowLine:
         """Make the line of a uniform round pipe.
 
-        Per segment of length l and area A: R of Poiseuille, L = density l / A, C = A l / bulk modulus, and K = 0 but for `end_loss` in the last segment.
-        Raises SceneError for arguments that are no pipe.
+        Each segment of length l and area A has the resistance R of Poiseuille, L = density l / A and C = A l /
+        bulk_modulus. K is 0, except `end_loss` in the last segment.
 
         Parameters
         ----------
         length, diameter
-            Size of the pipe [m].
+            Length and inner diameter of the pipe [m].
         viscosity
-            Viscosity of the fluid [Pa s].
+            Dynamic viscosity of the fluid [Pa s].
         density
             Density of the fluid [kg/m3].
         bulk_modulus
@@ -84,9 +87,19 @@ class FlowLine(Component):
         segments
             Number of segments.
         end_loss
-            Loss K of the last segment [Pa s2/m6].
+            Loss K of the last segment [Pa s2/m6], by default 0.
         gel
-            Law of the yield stress [Pa] at the wall; None for a fluid that does not gel.
+            Friction law of the yield stress [Pa] at the wall. None (default) for a fluid that does not gel.
+
+        Returns
+        -------
+        FlowLine
+            The line.
+
+        Raises
+        ------
+        SceneError
+            If the arguments do not describe a pipe.
         """
         segments = whole("segments", segments, 1)
         length, diameter = number("length", length, "m", above=0), number("diameter", diameter, "m", above=0)
@@ -143,15 +156,15 @@ class FlowLine(Component):
 
 @dataclass(frozen=True)
 class OutletRCR(Component):
-    """Resistor, capacitor, resistor at the end of a line (three-element windkessel): p = R_p Q + p_d, C p_d' = Q - p_d / R_d.
+    """Three-element windkessel (resistor, capacitor, resistor) at the end of a line: p = R_p Q + p_d, C p_d' = Q - p_d / R_d.
 
-    A step of flow gives p = Q [R_p + R_d (1 - exp(-t / (R_d C)))].
+    After a step of the flow Q the pressure is p = Q [R_p + R_d (1 - exp(-t / (R_d C)))].
 
     - Needs the signal `line.outlet_flow` Q [m3/s] (default 0).
     - Gives the signal `line.outlet_pressure` p [Pa].
     - State: `outlet.pressure` p_d [Pa].
 
-    For a mud line it models the annulus and the choke. The defaults are an example.
+    At the end of a mud line it represents the annulus and the choke. The defaults are an example.
 
     Examples
     --------

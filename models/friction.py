@@ -38,9 +38,11 @@ class _Falling(_Static):
 
 @dataclass(frozen=True)
 class Coulomb(_Falling):
-    """Constant kinetic friction below a static bound: mu(v) = kinetic, |F| <= static at rest.
+    """Coulomb friction: constant kinetic friction mu(v) = kinetic, and |F| <= static at rest.
 
-    Range: any speed. Source: textbook.
+    Range of validity: any speed.
+
+    Source: textbook.
 
     Examples
     --------
@@ -59,10 +61,14 @@ class Coulomb(_Falling):
 
 @dataclass(frozen=True)
 class Exponential(_Falling):
-    """Friction that decays with speed: mu(v) = kinetic + (static - kinetic) exp(-decay |v|).
+    """Friction that decays exponentially with speed: mu(v) = kinetic + (static - kinetic) exp(-decay |v|).
 
-    The bit law of Navarro-Lopez and Cortes (2007) is this with static 0.8, kinetic 0.5, decay = gamma / v_f = 0.9 s/rad; the law of Larsson
-    and Farhang (2016) for two disks has decay = alpha. Range: decay >= 0, from constant friction to a jump.
+    Special cases:
+
+    - The bit law of Navarro-Lopez and Cortes (2007): static 0.8, kinetic 0.5, decay = gamma / v_f = 0.9 s/rad.
+    - The law of Larsson and Farhang (2016) for two disks: decay = alpha.
+
+    Range of validity: decay >= 0, from constant friction to a jump.
 
     Examples
     --------
@@ -84,10 +90,14 @@ class Exponential(_Falling):
 
 @dataclass(frozen=True)
 class Transition(_Falling):
-    """Friction that falls about one speed: mu(v) = kinetic + (static - kinetic) exp(-(|v| / speed)^4).
+    """Friction that falls smoothly around one speed: mu(v) = kinetic + (static - kinetic) exp(-(|v| / transition_speed)^4).
 
-    A smooth substitute for the law of a rotating drill string that drops from static to kinetic at a speed w_c: 94 % of the drop lie between 0.42 and
-    1.37 times `transition_speed`. Defaults: mu 0.3, ratio 0.65, w_c = 1.5 rad/s of U. J. F. Aarsnes and R. J. Shor (2018), whose law jumps there.
+    It is a smooth substitute for a friction law that drops from static to kinetic at a speed w_c, as for a rotating
+    drill string. 94 % of the drop lie between 0.42 and 1.37 times `transition_speed`.
+
+    Defaults: mu 0.3, ratio 0.65 and w_c = 1.5 rad/s.
+
+    Source: U. J. F. Aarsnes, R. J. Shor (2018), whose law jumps at w_c.
 
     Examples
     --------
@@ -110,16 +120,17 @@ class Transition(_Falling):
 
 @dataclass(frozen=True)
 class Drop(_Falling):
-    """Friction that drops at one slip speed: mu = static up to it, kinetic beyond.
+    """Friction that drops at one slip speed: mu = static up to this speed, kinetic above it.
 
-    The drop is a break of the law, located as an event; `Transition` is its smooth counterpart. Source: U. J. F. Aarsnes, R. J. Shor (2018),
-    with static 0.3, kinetic 0.65 of it and 1.5 rad/s.
+    The drop is a break of the friction law and is located as an event. `Transition` is a similar law without a jump.
+
+    Source: U. J. F. Aarsnes, R. J. Shor (2018), with static 0.3, kinetic 0.65 of static, and a speed of 1.5 rad/s.
 
     Examples
     --------
     >>> from models import BlockOnBelt, Drop
     >>> from toolbox import compose, measure, simulate
-    >>> run = simulate(compose(BlockOnBelt(friction=Drop(speed=0.1))), "60 s")
+    >>> run = simulate(compose(BlockOnBelt(friction=Drop(drop_speed=0.1))), "60 s")
     >>> print(f"the block sticks for {measure.stuck_ratio(run, 'belt'):.0%} of the time")
     the block sticks for 25% of the time
     """
@@ -137,10 +148,14 @@ class Drop(_Falling):
 
 @dataclass(frozen=True)
 class GaussianStribeck(_Falling):
-    """Stribeck friction as controls know it: mu(v) = kinetic + (static - kinetic) exp(-(v / speed)^2).
+    """Stribeck friction as used in control engineering: mu(v) = kinetic + (static - kinetic) exp(-(v / stribeck_speed)^2).
 
-    Its slope is zero at rest and steepest at speed / sqrt(2), where mu' = -sqrt(2 / e) (static - kinetic) / speed. Viscous friction belongs to the part that
-    moves (`drag` of a `BlockOnBelt`). Range: any speed. Source: B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083-1138.
+    The slope is zero at rest. It is steepest at stribeck_speed / sqrt(2), where mu' = -sqrt(2 / e) (static - kinetic) / stribeck_speed.
+    Model viscous friction in the moving part (`drag` of a `BlockOnBelt`).
+
+    Range of validity: any speed.
+
+    Source: B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083-1138.
 
     Examples
     --------
@@ -160,10 +175,14 @@ class GaussianStribeck(_Falling):
 
 @dataclass(frozen=True)
 class RationalStribeck(_Falling):
-    """Friction that falls as a hyperbola to a level and rises again: mu(v) = kinetic + (static - kinetic) / (1 + decay |v|) + rise v^2.
+    """Friction that falls as a hyperbola and rises again: mu(v) = kinetic + (static - kinetic) / (1 + decay |v|) + rise v^2.
 
-    The law of the blocks of K. Popp, P. Stelter, Phil. Trans. R. Soc. Lond. A 332 (1990) 89-105, and of U. Galvanetto, S. R. Bishop, who write it as
-    (1 - delta) / (1 + gamma |v|) + delta + eta v^2. `Hyperbolic` is this with kinetic = rise = 0. Range: any speed.
+    U. Galvanetto and S. R. Bishop write this law as (1 - delta) / (1 + gamma |v|) + delta + eta v^2. `Hyperbolic` is
+    the special case kinetic = rise = 0.
+
+    Range of validity: any speed.
+
+    Source: K. Popp, P. Stelter, Phil. Trans. R. Soc. Lond. A 332 (1990) 89-105 (blocks on a belt).
 
     Examples
     --------
@@ -184,10 +203,13 @@ class RationalStribeck(_Falling):
 
 @dataclass(frozen=True)
 class Tabulated(_Static):
-    """Measured friction: coefficients at slip speeds, linear between them, constant beyond the last one.
+    """Measured friction as a table: coefficients at slip speeds, linearly interpolated, constant above the last speed.
 
-    The first speed is 0: its coefficient is that of beginning slip, at most `static`, the bound at rest. Every speed within is a kink, located as an event is,
-    so that the accuracy of a run does not suffer from it. Range: rows of a few to some dozens; the numbers are an example.
+    The first speed is 0. Its coefficient holds at the beginning of slip and is at most `static`, the bound at rest.
+    Every speed of the table is a kink, which is located like an event, so a table does not reduce the accuracy of a
+    run.
+
+    Range of validity: tables from a few to some dozens of rows. The default numbers are an example.
 
     Examples
     --------
@@ -224,8 +246,10 @@ class Tabulated(_Static):
 class Hyperbolic(_Static):
     """Friction that falls as a hyperbola: F(v) = static / (1 + decay |v|).
 
-    Leine et al. (1998) use static = 1 N, decay = 3 s/m: the load is then 1. Source: R. I. Leine, D. H. van Campen, A. de Kraker, L. van
-    den Steen, Nonlinear Dynamics 16 (1998) 41-54, doi:10.1023/A:1008289604683.
+    Leine et al. (1998) use static = 1 N and decay = 3 s/m. The load of the contact is then 1.
+
+    Source: R. I. Leine, D. H. van Campen, A. de Kraker, L. van den Steen, Nonlinear Dynamics 16 (1998) 41-54,
+    doi:10.1023/A:1008289604683.
 
     Examples
     --------
@@ -244,10 +268,11 @@ class Hyperbolic(_Static):
 
 @dataclass(frozen=True)
 class CubicStribeck(_Falling):
-    """Cubic Stribeck law with a minimum: mu(v) = static - 1.5 (static - minimum) [|v|/v_m - (|v|/v_m)^3 / 3].
+    """Cubic Stribeck friction with a minimum: mu(v) = static - 1.5 (static - minimum) [|v|/v_m - (|v|/v_m)^3 / 3].
 
-    mu(v_m) = minimum; beyond v_m friction rises again. Source: J. J. Thomsen, A. Fidlin, Int. J. Non-Linear Mechanics 38 (2003) 389-403,
-    doi:10.1016/S0020-7462(01)00073-7.
+    The minimum is mu(v_m) = minimum. Above the speed v_m friction rises again.
+
+    Source: J. J. Thomsen, A. Fidlin, Int. J. Non-Linear Mechanics 38 (2003) 389-403, doi:10.1016/S0020-7462(01)00073-7.
 
     Examples
     --------
@@ -269,10 +294,15 @@ class CubicStribeck(_Falling):
 
 @dataclass(frozen=True)
 class Viscous(FrictionLaw):
-    """A law with a viscous term: mu(v) = dry(v) + viscous |v|.
+    """Friction law with an additional viscous term: mu(v) = dry(v) + viscous |v|.
 
-    `dry` says what friction is at rest and how it falls; the viscous term adds to it in slip only. It is per unit of load: at a contact whose load is 1, N m s
-    per rad, or N s/m. For drag that no load causes, give the body a damper of its own. Range: viscous >= 0. Source: textbook (Stribeck curve).
+    The law `dry` gives the friction at rest and its change with speed. The viscous term is added during slip only. It
+    is per unit of load: for a contact with load 1 its unit is N m s/rad or N s/m. If a drag does not depend on the
+    load, give the body a damper instead.
+
+    Range of validity: viscous >= 0.
+
+    Source: textbook (Stribeck curve).
 
     Examples
     --------
@@ -304,9 +334,11 @@ class Viscous(FrictionLaw):
 
 @dataclass(frozen=True)
 class TwoWay(FrictionLaw):
-    """Friction that is another one forwards (slip > 0) than backwards: as of a lip seal, a brush, a worm or a shoe that digs in one way.
+    """Friction with different laws forwards (slip > 0) and backwards, such as a lip seal, a brush, a worm gear or a leading brake shoe.
 
-    At rest the force may be anything from -forward.breakaway() to +backward.breakaway() times the load. Source: textbook.
+    At rest the force may have any value from -forward.breakaway() to +backward.breakaway() times the load.
+
+    Source: textbook.
 
     Examples
     --------

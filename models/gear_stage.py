@@ -20,9 +20,15 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, qu
 
 @dataclass(frozen=True)
 class GearStage(Component):
-    """A pair of gears between a driving and a driven shaft, with a loss table and a bearing; its inputs are `input.torque` and `output.torque`.
+    """Gear stage between a driving and a driven shaft, with elastic teeth, a table of tooth losses, and a bearing.
 
-    Numbers are chosen. Equations and source: `models.gear_stage`.
+        J1 w1' = T1 - tau + M_teeth + M_bearing,   J2 w2' = i tau + T2,   tau = k (a1 - i a2) + c (w1 - i w2)
+        |M_teeth| <= mu(|w1|) |tau|,   M_bearing by its own friction law
+
+    The inputs are the torques T1 and T2, `input.torque` and `output.torque` [N m]. The friction of the teeth is
+    proportional to the transmitted torque tau, with a coefficient mu from a table over the speed w1.
+
+    All numbers are chosen. `models.gear_stage` contains the source.
 
     Examples
     --------

@@ -226,24 +226,44 @@ def _balance(
 
 @dataclass(frozen=True)
 class GearNetwork(Component):
-    """Inertias joined by elastic shafts and planetary trains, with dry friction of the teeth.
+    """Inertias joined by elastic shafts and planetary gear trains, with dry friction of the teeth.
 
         J_i w_i' = T_i - sum of torques on shafts and trains
         shaft (i, j):     twist' = w_i - w_j,                        torque k twist + c twist' from i to j
         train (a, b, c):  windup' = w_a - i0 w_b - (1 - i0) w_c,     tau = k_m windup + c_m windup'
                           T_a = tau eta^-s,   T_b = -i0 tau,   T_c = -(T_a + T_b)
 
-    Structure: `nodes` (names of the inertias), `trains` (a, b, carrier) and `shafts` (first, second) by names of nodes. "ground" stands still; any other name
-    is a node of another part, which must give `<name>.speed` and takes `<name>.torque`. Numbers: `inertia` per node; `ratio`, `mesh_stiffness`,
-    `mesh_damping` and, for lossy teeth, `efficiency` and `idle_torque` per train (None: lossless, no contact); `stiffness` and `damping` per shaft.
+    i0 is the ratio w_a / w_b with a carrier c at rest, eta the efficiency of the teeth, and s = +1 or -1 the direction
+    of the power through the teeth.
 
-    - Needs the signals `<node>.torque` T [N m] (default 0).
-    - Gives the signals `<node>.speed` [rad/s].
+    Structure, by names of nodes:
+
+    - `nodes`: names of the inertias.
+    - `trains`: (a, b, carrier) of every train.
+    - `shafts`: (first, second) of every shaft.
+    - The node "ground" does not move. Any other name that is not in `nodes` is a node of another part, which must give
+      `<name>.speed` and take `<name>.torque`.
+
+    Numbers:
+
+    - `inertia` of every node.
+    - `ratio` i0, `mesh_stiffness` k_m and `mesh_damping` c_m of every train. For lossy teeth also `efficiency` eta and
+      `idle_torque`. None: lossless teeth without a contact.
+    - `stiffness` k and `damping` c of every shaft.
+
+    Signals:
+
+    - Needs `<node>.torque` T [N m] (default 0).
+    - Gives `<node>.speed` w [rad/s].
     - States: `gears.speed`, `gears.windup`, `gears.twist`.
-    - Contacts: `gears.i` of train i (see the module).
+    - Contacts: `gears.i` of train i, with lossy teeth. The friction of the teeth is dry friction with the slip w_a -
+      w_c and a load proportional to |tau|.
 
-    `driven` is a node that control laws take for the top drive: their `top.torque` and `top.speed` are its torque and speed. Range: two lossy trains with the
-    same a and the same carrier share one slip and are refused; no backlash. The numbers are examples.
+    `driven` is the node that acts as top drive for controllers: their `top.torque` and `top.speed` are the torque and
+    the speed of this node.
+
+    Range of validity: no backlash. Two lossy trains with the same a and the same carrier would share one slip and raise
+    an error. The numbers are examples.
 
     Examples
     --------
@@ -310,11 +330,30 @@ class GearNetwork(Component):
 
     @property
     def routes(self) -> Mapping[str, str]:
-        """What control laws find in place of the signals of a top drive."""
+        """Signals that the network redirects: controllers of a top drive are connected to the node `driven`."""
         return {} if self.driven is None else {"top.torque": f"{self.driven}.torque", "top.speed": f"{self.driven}.speed"}
 
     def steady(self, speeds: Mapping[str, float], torques: Mapping[str, float] | None = None) -> SteadyGears:
-        """Steady running of the network with rigid shafts and teeth, without idle torques: see `steady_gears`."""
+        """Compute the steady state of the network with rigid shafts and teeth, without idle torques.
+
+        Parameters
+        ----------
+        speeds
+            {node: imposed speed [rad/s]}, one for each degree of freedom.
+        torques
+            {node: external torque [N m]} on other nodes. 0 for nodes that are left out.
+
+        Returns
+        -------
+        SteadyGears
+            Speed, torque and power of every node. It prints as a table.
+
+        Raises
+        ------
+        SceneError
+            If the imposed speeds are too few, too many or contradict each other, or if no direction of power, or more
+            than one, agrees with the torques (a network that locks itself).
+        """
         efficiencies = self.efficiency or (1.0,) * len(self.trains)
         trains = [Train(a, b, c, ratio, eta) for (a, b, c), ratio, eta in zip(self.trains, self.ratio, efficiencies, strict=True)]
         return steady_gears(trains, speeds, torques, [(first, second) for first, second in self.shafts])

@@ -28,20 +28,23 @@ BAND_QUALITY, TRANSITION_QUALITY = math.sqrt(0.5), 0.64
 
 @dataclass(frozen=True)
 class HandArm(Component):
-    """Masses in a row between a vibrating handle and the ground, joined by springs and dampers.
+    """Hand and arm on a vibrating handle: masses in a row between the handle and the ground, joined by springs and dampers.
 
-        m_i v_i' = f_i - f_(i+1),   f_i = k_i e_i + c_i e_i',   e_i' = v_(i-1) - v_i,   v_0 the handle, v_(n+1) = 0 the ground
+        m_i v_i' = f_i - f_(i+1),   f_i = k_i e_i + c_i e_i',   e_i' = v_(i-1) - v_i
 
-    n masses have n + 1 springs and dampers. `attached_to` names the part that is held. With "handle" there is none:
+    v_0 is the speed of the handle, and v_(n+1) = 0 is the ground. n masses have n + 1 springs and dampers.
+
+    `attached_to` names the part that the hand holds. With "handle" (no other part):
 
     - Needs the signal `handle.speed` v_0 [m/s] (default 0).
-    - Gives the signals `handle.force` = -f_1 [N], the force of the hand on what it holds, and `hand.force` f_1.
+    - Gives the signals `handle.force` = -f_1 [N], the force of the hand on the handle, and `hand.force` f_1 [N].
     - States: `hand.compression` e (n + 1) [m], `hand.speed` v (n) [m/s].
 
-    With "block" it feels `block.speed` and gives `block.force`. Tissue that moves with the handle belongs to the mass of what is held.
+    With "block" the part needs `block.speed` and gives `block.force`. The mass of tissue that moves with the handle
+    belongs to the mass of the held part.
 
-    Range: small vibration along one direction, a fixed posture and grip. Numbers are the user's: the defaults (two masses) only have the order of magnitude
-    of a hand and a forearm and come from no source.
+    Range of validity: small vibration in one direction, with a fixed posture and grip. Give your own numbers: the
+    defaults (two masses) only have the order of magnitude of a hand and a forearm and have no source.
 
     Examples
     --------
@@ -83,11 +86,24 @@ class HandArm(Component):
         )
 
     def impedance(self, frequency: ArrayLike) -> np.ndarray:
-        """Driving-point impedance Z = F / v at the handle [N s/m], complex, at frequencies > 0 [Hz]; same shape as `frequency`.
+        """Compute the driving-point impedance Z = F / v at the handle.
 
             Z_i = 1 / (1 / (c_i + k_i / s) + 1 / (s m_i + Z_(i+1))),   Z_(n+1) = c_(n+1) + k_(n+1) / s,   s = 2 pi i f
 
-        Raises SceneError for frequencies that are not > 0 and for a chain that cannot be built.
+        Parameters
+        ----------
+        frequency
+            Frequencies f [Hz], > 0, a number or an array.
+
+        Returns
+        -------
+        complex array, shape of `frequency`
+            The impedance [N s/m].
+
+        Raises
+        ------
+        SceneError
+            If a frequency is not > 0, or the chain has invalid numbers.
         """
         self.check()
         s = 2j * math.pi * _frequencies(frequency)

@@ -52,17 +52,25 @@ def resisting(load: ca.SX, base: ca.SX, width: ca.SX, steepness: ca.SX | None, i
 
 @dataclass(frozen=True)
 class HystereticBitRock(Component):
-    """Set-valued rock torque with hysteresis in the acceleration: T0 = W R_b mu(|w|) sgn w on branches (1 +- beta0) T0, see the module.
+    """Set-valued rock torque with hysteresis: the torque is higher while the bit accelerates than while it decelerates.
 
-    - Needs the signals `bit.speed` w [rad/s], `bit.free_acceleration` M/J [rad/s2], `bit.inertia` J [kg m2] and `bit.weight` W [N] (default: the field
-      `weight`).
-    - Gives the signals `bit.torque` [N m].
-    - Contact: `bit`, which sticks up to the torque at which it would speed up: W R_b mu_s in the rate form, whose branches meet at w' = 0, and (1 + beta0) W
-      R_b mu_s in the switched form.
+        rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   T0 = W R_b mu(|w|) sgn w,   J w' = M - T
+        switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down, any value between at w' = 0
 
-    With `beta1` the rate form of the hysteretic law of F. F. Real et al. (2018), without it the switched form, both on the law of Navarro-Lopez and Cortes
-    (2007), which unlike the smooth law sticks. It stands in for the hysteretic dry friction of Hong and Dhupia, a reconstruction; beta0 and beta1 are
-    assumed. Range: beta0 <= 1, else the lower branch would drive the bit.
+    The rate form is used if `beta1` is given, otherwise the switched form. M is the torque of the string on the bit and
+    J the inertia of the bit.
+
+    - Needs the signals `bit.speed` w [rad/s], `bit.free_acceleration` M/J [rad/s2], `bit.inertia` J [kg m2] and
+      `bit.weight` W [N] (default: the field `weight`).
+    - Gives the signal `bit.torque` T [N m].
+    - Contact: `bit`. It sticks up to the torque at which the bit would speed up. This torque is W R_b mu_s in the rate
+      form, whose branches meet at w' = 0, and (1 + beta0) W R_b mu_s in the switched form.
+
+    The law mu of Navarro-Lopez and Cortes (2007) is the basis of both forms. Unlike the smooth law it sticks. The rate
+    form follows the hysteretic law of F. F. Real et al. (2018).
+
+    This model is a reconstruction, in place of the hysteretic dry friction of Hong and Dhupia. beta0 and beta1 are
+    assumed. Range of validity: beta0 <= 1, because the lower branch would drive the bit otherwise.
 
     Examples
     --------
@@ -108,10 +116,17 @@ class HystereticBitRock(Component):
 
 @dataclass(frozen=True)
 class SmoothHystereticBitRock(SmoothBitRock):
-    """Smooth rock torque with hysteresis in the acceleration: T0 that of `SmoothBitRock`, on branches T0 +- beta0 |T0|, see the module.
+    """Smooth rock torque with hysteresis in the acceleration: the torque of `SmoothBitRock` on the branches T0 +- beta0 |T0|.
 
-    Signals as `HystereticBitRock`; no contact, and no stick. Source: F. F. Real et al. (2018) for law and b0 .. b3; beta0 and beta1 are
-    assumed. Range: as `SmoothBitRock`, beta0 <= 1.
+        rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   J w' = M - T
+        switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down, any value between at w' = 0
+
+    The rate form is used if `beta1` is given, otherwise the switched form. The signals are the same as for
+    `HystereticBitRock`. There is no contact, so the bit never sticks.
+
+    beta0 and beta1 are assumed. Range of validity: as for `SmoothBitRock`, with beta0 <= 1.
+
+    Source: F. F. Real et al. (2018) (law and b0 .. b3).
 
     Examples
     --------

@@ -24,25 +24,33 @@ TINY = 1e-20
 
 @dataclass(frozen=True)
 class WhirlingCollar(Component):
-    """Eccentric collar between two stabilisers, turning at phi', bending, dragging mud, and rubbing on the borehole wall.
+    """Eccentric drill collar between two stabilisers, which rotates, bends and rubs on the borehole wall (whirl).
 
         m y_c'' = Y, m z_c'' = Z;   (y_c, z_c) = (y, z) + e (cos phi, sin phi)
         (Y, Z) = -k_l (y, z) - c_h |v| (y', z') - N (y, z)/r + F (-z, y)/r;   M = R_co F + e (Y sin phi - Z cos phi)
-        k_l = E I_a pi^4/(2 L^3) - T pi^3/(2 L^2) - W pi^2/(2 L);   N unilateral on r - gap;   F dry friction with load N against R_co phi' + r theta'
+        k_l = E I_a pi^4/(2 L^3) - T pi^3/(2 L^2) - W pi^2/(2 L)
+        N unilateral contact force with closure r - gap;   F dry friction with load N and slip speed R_co phi' + r theta'
 
-    (y, z) is the geometric centre, with polar form r, theta, and is zero at rest in the middle of the hole. M is the torque of all this on the string.
+    (y, z) is the geometric centre, r and theta are its polar coordinates. (y, z) is zero at rest in the middle of the
+    borehole. N is the force of the wall, nonzero only for r >= gap. c_h is the drag of the mud. M is the resulting
+    reaction torque on the string.
 
-    - Needs the signals `collar.speed` phi' [rad/s], `bit.torque` T [N m] (default 0) and `bit.weight` W [N] (of the bit, or the field).
-    - Gives the signals `collar.torque` M [N m], `collar.y`, `collar.z`, `collar.radius` r [m].
-    - States (five): `collar.angle` phi [rad], `collar.displacement` (2) [m] of the mass centre from where it is at rest, `collar.velocity` (2) [m/s] of the
-      mass centre.
+    Connect the collar to a `TorsionalChain` with `collar_index=` set.
+
+    - Needs the signals `collar.speed` phi' [rad/s], `bit.torque` T [N m] (default 0) and `bit.weight` W [N] (of the
+      bit, else the field).
+    - Gives the signals `collar.torque` M [N m], `collar.y` [m], `collar.z` [m], `collar.radius` r [m].
+    - States (five): `collar.angle` phi [rad], `collar.displacement` (2) [m] of the mass centre from its position at
+      rest, and `collar.velocity` (2) [m/s] of the mass centre.
     - Contacts: `wall`, and its friction `rub`.
 
-    `TorsionalChain` with `collar_index=` takes part.
+    The wall is elastic (`wall_stiffness`, `wall_damping`), or rigid if `restitution` is given.
 
-    The wall is elastic (`wall_stiffness`, `wall_damping`), or rigid where `restitution` is given. Range: one bending mode; beyond the weight that makes k_l
-    negative the collar lies on the wall. A reconstruction: it replaces the torsional-lateral string of Hong and Dhupia, of which only the abstract was read,
-    with equations and numbers published at UFRJ, Rio de Janeiro (wall 1e9 to 1e10 N/m and 0 to 1000 N s/m; restitution is an alternative).
+    Range of validity: one bending mode. If the weight on bit makes k_l negative, the collar lies on the wall.
+
+    This model is a reconstruction. It replaces the torsional-lateral string of Hong and Dhupia, of which only the
+    abstract was available. Equations and numbers were published at UFRJ, Rio de Janeiro (wall 1e9 to 1e10 N/m and 0 to
+    1000 N s/m). The restitution is an alternative of this toolbox.
 
     Examples
     --------
@@ -79,59 +87,85 @@ class WhirlingCollar(Component):
 
     @property
     def radius(self) -> Any:
-        """R_co = D_o/2 [m]."""
+        """Outer radius of the collar, R_co = D_o/2 [m]."""
         return self.outer_diameter / 2
 
     @property
     def gap(self) -> Any:
-        """Clearance (D_hole - D_o)/2 [m]."""
+        """Radial clearance between collar and borehole, (D_hole - D_o)/2 [m]."""
         return (self.hole_diameter - self.outer_diameter) / 2
 
     @property
     def mass(self) -> Any:
-        """Modal mass m = L (rho A + rho_f pi/4 (D_i^2 + C_A D_o^2))/2 [kg], with the mud inside and the mud moved."""
+        """Modal mass m = L (rho A + rho_f pi/4 (D_i^2 + C_A D_o^2))/2 [kg], with the mud inside and the added mass of the mud outside."""
         steel = self.density * np.pi / 4 * (self.outer_diameter**2 - self.inner_diameter**2)
         mud = self.mud_density * np.pi / 4 * (self.inner_diameter**2 + self.added_mass * self.outer_diameter**2)
         return self.span * (steel + mud) / 2
 
     @property
     def drag(self) -> Any:
-        """Drag c_h = 2 rho_f C_D D_o L/(3 pi) of the mud [N s2/m2]."""
+        """Coefficient of the quadratic drag of the mud, c_h = 2 rho_f C_D D_o L/(3 pi) [N s2/m2]."""
         return 2 * self.mud_density * self.drag_coefficient * self.outer_diameter * self.span / (3 * np.pi)
 
     @property
     def bending_stiffness(self) -> Any:
-        """E I_a pi^4/(2 L^3) [N/m] of the unloaded collar."""
+        """Lateral stiffness of the unloaded collar, E I_a pi^4/(2 L^3) [N/m]."""
         return self.young * np.pi / 64 * (self.outer_diameter**4 - self.inner_diameter**4) * np.pi**4 / (2 * self.span**3)
 
     def softening(self, weight: Any, torque: Any) -> Any:
-        """What weight W [N] and torque T [N m] take off the stiffness, T pi^3/(2 L^2) + W pi^2/(2 L) [N/m]."""
+        """Return the reduction of the lateral stiffness by weight and torque, T pi^3/(2 L^2) + W pi^2/(2 L) [N/m].
+
+        Parameters
+        ----------
+        weight
+            Weight on bit W [N].
+        torque
+            Torque on bit T [N m].
+        """
         return torque * np.pi**3 / (2 * self.span**2) + weight * np.pi**2 / (2 * self.span)
 
     def stiffness(self, weight: float = 0.0, torque: float = 0.0) -> Any:
-        """k_l [N/m] under a weight on bit [N] and a torque on bit [N m]."""
+        """Return the lateral stiffness k_l [N/m] under a weight on bit [N] and a torque on bit [N m]."""
         return self.bending_stiffness - self.softening(weight, torque)
 
     def synchronous_radius(self, speed: float, weight: float = 0.0, torque: float = 0.0) -> float:
-        """Radius m e w^2/|k_l - m w^2| [m] of forward synchronous whirl at a speed w [rad/s], without drag and without the wall."""
+        """Compute the radius of forward synchronous whirl, m e w^2/|k_l - m w^2| [m], at a speed of rotation w [rad/s].
+
+        Mud drag and wall contact are neglected.
+        """
         return self.mass * self.eccentricity * speed**2 / abs(self.stiffness(weight, torque) - self.mass * speed**2)
 
     def contact_speed(self, weight: float = 0.0, torque: float = 0.0) -> float:
-        """Lowest speed sqrt(k_l/m gap/(gap + e)) [rad/s] at which steady synchronous whirl, without drag, reaches the wall."""
+        """Compute the lowest speed at which steady synchronous whirl reaches the wall, sqrt(k_l/m gap/(gap + e)) [rad/s].
+
+        Mud drag is neglected.
+        """
         return float(np.sqrt(self.stiffness(weight, torque) / self.mass * self.gap / (self.gap + self.eccentricity)))
 
     def rolling_ratio(self) -> float:
-        """theta'/phi' = -R_co/gap of pure rolling: backward whirl without slip on the wall."""
+        """Ratio theta'/phi' = -R_co/gap of pure rolling: backward whirl without slip on the wall."""
         return -self.radius / self.gap
 
     def rolling_speed(self, weight: float = 0.0, torque: float = 0.0, friction: float | None = None) -> float:
-        """Return the lowest steady speed [rad/s] at which backward rolling along a rigid wall persists. inf if friction is too low at every
-        speed.
+        """Compute the lowest steady speed at which backward rolling along a rigid wall persists. inf if friction is too low at every speed.
 
             w^2 = mu k_l gap/(mu m R_co^2/gap - m e sqrt(1 + mu^2) - c_h R_co^2)
 
-        Above it the wall presses hard enough, N = m gap theta'^2 + m e w^2 cos psi - k_l gap, for friction to bear drag and imbalance,
-        |F| = |m e w^2 sin psi + c_h gap^2 theta'^2| <= mu N, at every angle psi = phi - theta.  friction: mu, by default the static coefficient of the law.
+        Above this speed the normal force of the wall, N = m gap theta'^2 + m e w^2 cos psi - k_l gap, is large enough
+        that friction can balance drag and imbalance at every angle psi = phi - theta: |F| = |m e w^2 sin psi + c_h
+        gap^2 theta'^2| <= mu N.
+
+        Parameters
+        ----------
+        weight, torque
+            Weight on bit [N] and torque on bit [N m], which reduce the stiffness k_l.
+        friction
+            Coefficient of friction mu. By default the static coefficient of the friction law.
+
+        Returns
+        -------
+        float
+            The speed of rotation w [rad/s].
         """
         mu = float(self.friction.breakaway()) if friction is None else friction
         held = mu * self.mass * self.radius**2 / self.gap - self.mass * self.eccentricity * np.sqrt(1 + mu**2) - self.drag * self.radius**2

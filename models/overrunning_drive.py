@@ -15,9 +15,14 @@ from toolbox.modelling import OneWayClutch
 
 @dataclass(frozen=True)
 class OverrunningDrive(Component):
-    """A shaft that drives another by a one-way clutch; its inputs are the torques `driver.torque` and `driven.load`.
+    """Shaft that drives another shaft through a one-way clutch.
 
-    Numbers are chosen. Equations: `models.overrunning_drive`.
+        J1 w1' = T - d1 w1 - c,   J2 w2' = c - d2 w2 - T_load,   w1 <= w2,  c >= 0,  c (w1 - w2) = 0
+
+    The clutch transmits the torque c while it is locked and overruns while the driven shaft is faster. The inputs are
+    the torques T and T_load, `driver.torque` and `driven.load` [N m].
+
+    All numbers are chosen.
 
     Examples
     --------

@@ -11,21 +11,32 @@ from toolbox import FrictionLaw, Quantity, quantity
 
 @dataclass(frozen=True)
 class RateAndState(FrictionLaw):
-    """Rate and state friction of Dieterich and Ruina: mu = mu_0 + a ln(v / v_0) + b psi, with psi = ln(v_0 theta / D_c).
+    """Rate-and-state friction of Dieterich and Ruina: mu = mu_0 + a ln(v / v_0) + b psi, with psi = ln(v_0 theta / D_c).
 
         ageing:  theta' = 1 - v theta / D_c            psi' = (v_0 exp(-psi) - v) / D_c
         slip:    theta' = -(v theta / D_c) ln(v theta / D_c)    psi' = -(v / D_c) (ln(v / v_0) + psi)
 
-    theta is the age of the contacts. A step of the speed by a factor r changes mu by a ln r at once, and by -b ln r over the distance D_c. Steady sliding,
-    mu_0 + (a - b) ln(v / v_0), falls with the speed where b > a, and on a spring of stiffness k under the mass m it is stable where
-    k > N (b - a) / D_c (1 + m v^2 / (N a D_c)).
+    theta is the age of the contacts and v the slip speed. If the speed changes suddenly by a factor r, mu changes by a
+    ln r at once and by -b ln r over the distance D_c.
 
-    Near rest the logarithm has no meaning: it is the sum of jumps forth and back over a barrier, mu = a asinh(v / (2 v_0) exp((mu_0 + b psi) / a)), which is
-    the same to round-off wherever v exceeds v_0 exp(-mu_0 / a). So nothing sticks exactly: what stands creeps. On rock that speed is below 1e-30 m/s, and no
-    computation passes it from rest: below the speed `floor`, chosen, friction is viscous, v / sqrt(v^2 + floor^2) times that of sqrt(v^2 + floor^2).
-    State of a contact `pad`: `pad.age` psi; 0 at the start, steady sliding at v_0. Range: b psi > -mu_0. Sources: A. Ruina, J. Geophys. Res. 88 (1983)
-    10359-10370; J. R. Rice, A. L. Ruina, J. Appl. Mech. 50 (1983) 343-349 (stability, with mass); J. R. Rice, Y. Ben-Zion, PNAS 93 (1996) 3811-3818, and
-    N. Lapusta et al., J. Geophys. Res. 105 (2000) 23765-23789 (near rest). Defaults: chosen, of the size measured on rock.
+    Steady friction is mu_0 + (a - b) ln(v / v_0). It falls with the speed if b > a. Sliding of a mass m on a spring of
+    stiffness k is then stable if k > N (b - a) / D_c (1 + m v^2 / (N a D_c)).
+
+    Near rest the logarithm is not valid. It is replaced by mu = a asinh(v / (2 v_0) exp((mu_0 + b psi) / a)), the sum
+    of forward and backward jumps over a barrier. Both are equal to round-off for v above v_0 exp(-mu_0 / a).
+    Consequences:
+
+    - Nothing sticks exactly: a contact at rest creeps. On rock the creep speed is below 1e-30 m/s.
+    - No computation can pass such a speed from rest. Below the speed `floor`, which is chosen, friction is therefore
+      viscous: the friction at the speed sqrt(v^2 + floor^2), multiplied by v / sqrt(v^2 + floor^2).
+
+    The state of a contact `pad` is `pad.age` psi. It begins at 0, which is steady sliding at v_0.
+
+    Range of validity: b psi > -mu_0. The defaults are chosen: they have the size measured on rock.
+
+    Sources: A. Ruina, J. Geophys. Res. 88 (1983) 10359-10370; J. R. Rice, A. L. Ruina, J. Appl. Mech. 50 (1983) 343-349
+    (stability, with mass); J. R. Rice, Y. Ben-Zion, PNAS 93 (1996) 3811-3818, and N. Lapusta et al., J. Geophys. Res.
+    105 (2000) 23765-23789 (near rest).
 
     Examples
     --------

@@ -30,21 +30,30 @@ MATERIALS = {
 
 @dataclass(frozen=True)
 class ToolJoint:
-    """Tool joints of a pipe: thicker pieces, one at every joint of pipe; SI units, or text with units.
+    """Tool joints of a pipe: the thicker ends, one pair of box and pin for every joint of pipe.
 
     Parameters
     ----------
     outer, inner
-        Diameters [m].
+        Diameters [m], or text with units.
     length
         Length of box and pin together [m].
     every
-        Length of a joint of pipe from shoulder to shoulder [m], which is the distance between two of them.
+        Length of a joint of pipe from shoulder to shoulder [m], which is the distance between two tool joints.
 
     Raises
     ------
     SceneError
-        Where a number is no positive finite number, the inner diameter is not below the outer one, or the length not below the distance.
+        If a number is not positive and finite, the inner diameter is not below the outer diameter, or the length is not
+        below the distance.
+
+    Examples
+    --------
+    >>> from models import Section, ToolJoint
+    >>> joint = ToolJoint(outer="6.625 in", inner="3.5 in", length="21 in", every="30 ft")
+    >>> pipe = Section(length="1000 m", outer="5 in", inner="4.276 in", tool_joint=joint)
+    >>> print(f"{joint.part:.3f} of the length, contact radius {pipe.contact_radius * 1e3:.1f} mm")
+    0.058 of the length, contact radius 84.1 mm
     """
 
     outer: NumberOrText
@@ -59,37 +68,42 @@ class ToolJoint:
 
     @property
     def part(self) -> float:
-        """Part of the string that it is [1]."""
+        """Fraction of the string length that consists of tool joints [1]."""
         return self.length / self.every
 
 
 @dataclass(frozen=True)
 class Section:
-    """A run of pipe of one size; SI units, or text with units. Textbook values of a circular tube:
+    """Section of a drill string: pipe of one size, optionally with tool joints.
+
+    Textbook values of a circular tube:
 
         A = pi (OD^2 - ID^2) / 4,   J = pi (OD^4 - ID^4) / 32,   c = sqrt(G / rho),   zeta = J sqrt(G rho)
 
-    With tool joints, which are a part q of the length, values are those of waves much longer than a joint: masses and inertias in parallel, compliances in
-    series, and what rubs on the hole is the tool joint:
+    With tool joints, which are a fraction q of the length, the values are averages for waves much longer than a joint
+    of pipe: masses and inertias in parallel, compliances in series. Only the tool joints touch the borehole.
 
         A = (1 - q) A_pipe + q A_joint,   rho J = rho ((1 - q) J_pipe + q J_joint),   1 / G J = ((1 - q) / J_pipe + q / J_joint) / G
 
     Parameters
     ----------
     length, outer, inner
-        Length and diameters of the pipe [m]; the inner one of an API drill pipe is `inner_diameter("5 in", "19.5 lb/ft")`.
+        Length, outer and inner diameter of the pipe [m], or text with units. The inner diameter of an API drill pipe is
+        `inner_diameter("5 in", "19.5 lb/ft")`.
     density, shear_modulus
-        Of the material [kg/m3], [Pa].
+        Density [kg/m3] and shear modulus G [Pa] of the material.
     mass
-        Mass per length as it hangs [kg/m], with upsets and tool joints, as catalogues give it ("adjusted weight"); text such as "23.5 lb/ft" or
-        "23.5 ppf". By default that of the diameters. What is more than these say is taken to turn at their radius of gyration.
+        Mass per length in air [kg/m] with upsets and tool joints, as in catalogues ("adjusted weight"), or text such as
+        "23.5 lb/ft" or "23.5 ppf". By default it follows from the diameters. The mass in excess of this value is
+        assumed to rotate at the same radius of gyration.
     tool_joint
-        Its tool joints.
+        Tool joints of the section, a `ToolJoint`. By default none.
 
     Raises
     ------
     SceneError
-        Where a number is no positive finite number (the inner diameter may be 0) or the inner diameter is not below the outer one.
+        If a number is not positive and finite (the inner diameter may be 0), or the inner diameter is not below the
+        outer diameter.
 
     Examples
     --------
@@ -117,19 +131,19 @@ class Section:
 
     @property
     def area(self) -> float:
-        """Area of the metal [m2], the mean along the section."""
+        """Cross-sectional area of the metal [m2], the mean along the section."""
         pipe = math.pi * (self.outer**2 - self.inner**2) / 4
         joint = self.tool_joint
         return pipe if joint is None else (1 - joint.part) * pipe + joint.part * math.pi * (joint.outer**2 - joint.inner**2) / 4
 
     @property
     def polar_moment(self) -> float:
-        """Polar second moment J of the metal of the pipe between its tool joints [m4]."""
+        """Polar second moment of area J of the pipe between its tool joints [m4]."""
         return _polar_moment(self)
 
     @property
     def inertia(self) -> float:
-        """Inertia per length, rho J [kg m]."""
+        """Rotational inertia per length, rho J [kg m]."""
         joint, inertia = self.tool_joint, self.density * self.polar_moment
         if joint is not None:
             inertia = (1 - joint.part) * inertia + joint.part * self.density * _polar_moment(joint)
@@ -143,21 +157,21 @@ class Section:
 
     @property
     def wave_speed(self) -> float:
-        """Speed of torsional waves c [m/s]."""
+        """Speed of torsional waves, c [m/s]."""
         return math.sqrt(self.rigidity / self.inertia)
 
     @property
     def impedance(self) -> float:
-        """Torsional impedance zeta = torque / speed of a wave [N m s/rad]."""
+        """Torsional wave impedance zeta, torque divided by speed of rotation [N m s/rad]."""
         return math.sqrt(self.rigidity * self.inertia)
 
     @property
     def contact_radius(self) -> float:
-        """Radius of contact with the borehole [m]: the radius of the tool joints if the section has tool joints."""
+        """Radius that touches the borehole [m]: the radius of the tool joints if the section has tool joints, else of the pipe."""
         return (self.outer if self.tool_joint is None else max(self.outer, self.tool_joint.outer)) / 2
 
     def weight(self, mud_density: float = 0.0) -> float:
-        """Weight per length in mud of that density inside and outside, (rho - rho_mud) g A [N/m]; g = 9.80665 m/s2."""
+        """Return the weight per length in mud of this density, inside and outside: (rho - rho_mud) g A [N/m], g = 9.80665 m/s2."""
         metal = self.area if self.mass is None else self.mass / self.density
         return (self.density - mud_density) * 9.80665 * metal
 

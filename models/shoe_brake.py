@@ -17,9 +17,16 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, Sc
 
 @dataclass(frozen=True)
 class ShoeBrake(Component):
-    """A drum brake with a leading and a trailing shoe; its inputs are the torque `drum.torque` and the press `drum.press` of each shoe [N].
+    """Drum brake with a leading and a trailing shoe, and a bearing.
 
-    Numbers are chosen. Equations and source: `models.shoe_brake`.
+        J w' = T + R (F_leading + F_trailing) + M_bearing,   |F| <= mu press gain
+        gain = 1 / (1 - mu c) for the leading shoe, 1 / (1 + mu c) for the trailing shoe
+
+    The inputs are the torque T, `drum.torque` [N m], and the actuator force on each shoe, `drum.press` [N]. Friction
+    presses the leading shoe more strongly on the drum and the trailing shoe less strongly. c is the lever ratio. If the
+    drum turns backwards, the shoes change their roles. A self-locking brake, mu c >= 1, raises an error.
+
+    All numbers are chosen. `models.shoe_brake` contains the source.
 
     Examples
     --------

@@ -13,13 +13,17 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, qu
 
 @dataclass(frozen=True)
 class Slider(Component):
-    """Rigid slider held by a spring and a damper: m v' = u - k x - c v + F, F the drag of the plate under it.
+    """Rigid slider held by a spring and a damper: m v' = u - k x - c v + F.
 
-    - Needs the signals `slider.pull` u [N] (default 0) and `plate.drag` F [N] (default 0; `PlateContact` and `BristleContact` give it).
-    - Gives the signals `slider.position` [m], `slider.speed` [m/s].
+    F is the drag of the plate under the slider.
 
-    Defaults: spring and damper of a published finite-element study of a slider on a plate (10 N/mm, 5 N s/mm); the mass is that of a steel cube of 10 mm, an
-    assumption. c / m = 6e5 1/s makes it stiff: an explicit method takes some 2e5 steps per second of slip.
+    - Needs the signals `slider.pull` u [N] (default 0) and `plate.drag` F [N] (default 0), which `PlateContact` or
+      `BristleContact` gives.
+    - Gives the signals `slider.position` x [m], `slider.speed` v [m/s].
+
+    The default spring and damper are taken from a published finite-element study of a slider on a plate (10 N/mm, 5 N
+    s/mm). The default mass is an assumption: a steel cube of 10 mm. With these values c / m = 6e5 1/s, so the model is
+    stiff: an explicit method takes about 2e5 steps per second of slip.
 
     Examples
     --------
@@ -46,14 +50,15 @@ class Slider(Component):
 
 @dataclass(frozen=True)
 class PlateContact(Component):
-    """Dry friction of a slider on a moving plate, the same everywhere under it: it sticks and slips as a whole.
+    """Dry friction between a slider and a moving plate, as one contact that sticks and slips as a whole.
 
     - Needs the signals `slider.speed` [m/s], `plate.speed` [m/s] (default 0) and `plate.load` [N] (default: the field).
-    - Gives the signals `plate.drag` [N], the force on the slider.
+    - Gives the signal `plate.drag` [N], the force on the slider.
     - Contact: `plate`.
 
-    Defaults: friction of the study that `Slider` names, 0.35 falling to 0.25 with 0.001 s/mm under 0.1 MPa; its area is not stated, 10 mm x 10 mm is assumed,
-    hence 10 N.
+    The default friction is taken from the finite-element study of the defaults of `Slider`: 0.35, falling to 0.25 with
+    0.001 s/mm, under a pressure of 0.1 MPa. The study does not give the area. An area of 10 mm x 10 mm is assumed, so
+    the load is 10 N.
 
     Examples
     --------
@@ -84,14 +89,16 @@ class InclinedSlider(Component):
 
         m y'' + c y' + k y = F sin a - friction,   |friction| <= mu F cos a,   m = F cos a / g
 
-    From rest it moves if and only if tan a > mu, and creeps to k y = F (sin a - mu cos a).
+    The slider moves from rest only if tan a > mu. It then creeps to k y = F (sin a - mu cos a).
 
-    - Needs the signals `slider.force` F [N] (default: the field).
-    - Gives the signals `slider.position` y [m] and `slider.speed` [m/s], down the slope.
+    - Needs the signal `slider.force` F [N] (default: the field).
+    - Gives the signals `slider.position` y [m] and `slider.speed` [m/s], positive down the slope.
     - Contact: `slope`.
 
-    Numbers and the unusual mass are those of the published study (10 N, 1 N/mm, 1 N s/mm, mu 0.35, 45 deg, g = 9.8 m/s2). The mass keeps the declared force
-    where `slider.force` varies. Range: 0 <= a < pi/2.
+    The numbers and the unusual definition of the mass are taken from the published study (10 N, 1 N/mm, 1 N s/mm, mu
+    0.35, 45 deg, g = 9.8 m/s2). If the input `slider.force` varies, the mass still follows from the field `force`.
+
+    Range of validity: 0 <= a < pi/2.
 
     Examples
     --------

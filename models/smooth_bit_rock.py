@@ -11,14 +11,17 @@ from toolbox import Component, Equations, Quantity, quantity
 
 @dataclass(frozen=True)
 class SmoothBitRock(Component):
-    """Smooth torque of the rock on the bit, T = W b0 [tanh(b1 w) + b2 w / (1 + b3 w^2)].
+    """Smooth torque of the rock on the bit, without sticking: T = W b0 [tanh(b1 w) + b2 w / (1 + b3 w^2)].
 
     - Needs the signals `bit.speed` w [rad/s] and `bit.weight` W [N] (default: the field `weight`).
-    - Gives the signals `bit.torque` [N m].
+    - Gives the signal `bit.torque` T [N m].
 
-    No contact: this bit creeps and never sticks, so it serves comparisons with published runs, not questions about break-off. T rises to a peak near w =
-    1/sqrt(b3), then falls to W b0. Source of law and numbers: F. F. Real et al. (2018), after T. G. Ritto; range: |w| up to some 30 rad/s, where they were
-    identified on field data.
+    There is no contact: this bit creeps and never sticks. Use it for comparisons with published runs, not for questions
+    about break-away. T rises to a peak near w = 1/sqrt(b3) and then falls to W b0.
+
+    Range of validity: |w| up to about 30 rad/s, where the numbers were identified from field data.
+
+    Source: F. F. Real et al. (2018), after T. G. Ritto (law and numbers).
 
     Examples
     --------

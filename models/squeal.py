@@ -17,20 +17,30 @@ from toolbox.modelling import Quantities
 
 @dataclass(frozen=True)
 class SquealingPad(Component):
-    """Pad on two inclined springs, pressed on a disc: the minimal model of squeal (Hoffmann, Fischer, Allgaier, Ostermeyer 2002).
+    """Pad on two inclined springs, pressed on a disc: the minimal model of squeal with two modes.
 
-        m x'' + c x' + k_xx x + k_xy y = F ;   m y'' + c y' + k_xy x + k_yy y = 0 ;   F dry friction against x' - v_disc, load P + k_c y
+        m x'' + c x' + k_xx x + k_xy y = F ;   m y'' + c y' + k_xy x + k_yy y = 0 ;   F dry friction with slip speed x' - v_disc, load P + k_c y
+        k_xx = sum k_i cos^2 a_i,   k_xy = sum k_i sin a_i cos a_i,   k_yy = k_c + sum k_i sin^2 a_i
 
-    x is along the disc and y into it, both from the pressed state at rest without friction; k_xx = sum k_i cos^2 a_i, k_xy = sum k_i sin a_i cos a_i, k_yy =
-    k_c + sum k_i sin^2 a_i. F follows the normal force, so sliding turns k_xy of the first line into k_xy - mu k_c: the stiffness is no longer symmetric, and
-    beyond `flutter_friction` two modes of one frequency take energy from the disc. The growth ends in stick where damping is enough, as in the defaults, else
-    in loss of contact.
+    x is the displacement along the disc and y into the disc. Both are counted from the pressed state at rest without
+    friction.
 
-    - Gives the signals `pad.position` x, `pad.approach` y [m], `pad.speed`, `pad.approach_speed` [m/s], `pad.normal_force` P + k_c y [N].
+    The friction F is proportional to the normal force, so sliding changes k_xy in the first equation to k_xy - mu k_c.
+    The stiffness matrix is then not symmetric. Above `flutter_friction` two modes have the same frequency, and one of
+    them takes energy from the disc. The vibration grows until the pad sticks, if damping is large enough as in the
+    defaults. Otherwise it grows until contact is lost.
+
+    - Gives the signals `pad.position` x [m], `pad.approach` y [m], `pad.speed` [m/s], `pad.approach_speed` [m/s],
+      `pad.normal_force` P + k_c y [N].
     - Contact: `pad`.
 
-    Range: loss of contact is not modelled (`ElasticPad` can lift off); a run whose normal force falls below 0 is refused, so keep the preload above k_c |y|.
-    Defaults: the dimensionless pad with k_xx = k_yy = 2, k_xy = 1, flutter from mu = 3/4, with damping, preload and speed chosen.
+    Range of validity: loss of contact is not modelled (`ElasticPad` can lift off). A run whose normal force falls below
+    0 raises an error, so keep the preload P above k_c |y|.
+
+    Defaults: the dimensionless pad with k_xx = k_yy = 2, k_xy = 1, which flutters for mu > 3/4. Damping, preload and
+    speed are chosen.
+
+    Source: Hoffmann, Fischer, Allgaier, Ostermeyer (2002).
 
     Examples
     --------
@@ -75,12 +85,12 @@ class SquealingPad(Component):
         )
 
     def flutter_friction(self) -> float:
-        """Return the coefficient of friction at which steady sliding becomes unstable by flutter. inf if no coefficient in this direction
-        does.
+        """Compute the coefficient of friction above which steady sliding is unstable by flutter. inf if no coefficient in this direction is.
 
             mu = [(k_xx - k_yy)^2 + 4 k_xy^2 + 2 (c^2 / m) (k_xx + k_yy)] / (4 |k_xy| k_c)
 
-        For constant friction, where the frequencies meet; the damping, equal in both directions, raises it.
+        The friction is constant. At this coefficient both frequencies meet. The damping is equal in both directions and
+        increases the coefficient.
         """
         k_xx, k_xy, k_yy = self._stiffness()
         coupling = float(k_xy) * math.copysign(1.0, self.disc_speed)
@@ -90,11 +100,14 @@ class SquealingPad(Component):
         return float(numerator / (4 * coupling * self.contact_stiffness))
 
     def modes(self, frictions) -> SquealModes:
-        """Find the complex eigenvalues of steady sliding over the coefficient of constant friction.
+        """Compute the complex eigenvalues of steady sliding as a function of the coefficient of constant friction.
 
-            m s^2 + c s + [[k_xx, k_xy - mu k_c sgn(v_disc)], [k_xy, k_yy]] = 0 in its determinant
+        The eigenvalues s are the zeros of the determinant of
 
-        The pad squeals where a growth rate is positive: from `flutter_friction` on two modes have one frequency, and one of them grows.
+            m s^2 + c s + [[k_xx, k_xy - mu k_c sgn(v_disc)], [k_xy, k_yy]]
+
+        The pad squeals if a growth rate is positive. Above `flutter_friction` both modes have one frequency, and one of
+        them grows.
 
         Parameters
         ----------
@@ -104,7 +117,7 @@ class SquealingPad(Component):
         Returns
         -------
         SquealModes
-            Frequencies and growth rates of both modes at every coefficient; it prints as a table, and `plot` draws it.
+            Frequencies and growth rates of both modes at every coefficient. It prints as a table, and `plot` draws it.
 
         Raises
         ------

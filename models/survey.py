@@ -15,11 +15,29 @@ from toolbox.authoring import Column, NumberOrText, finite_array, in_si, number,
 
 @dataclass(frozen=True)
 class Survey:
-    """Measured depth [m], inclination from the vertical [rad] and azimuth [rad] at stations, the first at depth 0; numbers may be text: ("0 ft", "1 km").
+    """Survey of a borehole: measured depth, inclination from the vertical and azimuth at stations.
 
-    Between stations the hole is an arc of a circle (minimum curvature): its tangent turns from one station to the next at a constant rate about one axis.
-    Coordinates are north, east, down; s is an array of measured depths. Raises SceneError where stations are fewer than two, do not begin
-    at 0 m, do not increase, or an inclination is outside 0 ... pi. Source: textbook (minimum curvature method).
+    Between two stations the borehole is an arc of a circle (minimum curvature): its tangent turns at a constant rate
+    about one axis. Coordinates are north, east, down. In the methods `s` is an array of measured depths [m].
+
+    Attributes
+    ----------
+    depth
+        Measured depths of the stations [m], or text such as ("0 ft", "1 km"). The first is 0.
+    inclination
+        Inclinations from the vertical [rad].
+    azimuth
+        Azimuths [rad].
+
+    Raises
+    ------
+    SceneError
+        If there are fewer than two stations, the depths do not begin at 0 m or do not increase, or an inclination is
+        outside 0 ... pi.
+
+    Notes
+    -----
+    Source: textbook (minimum curvature method).
 
     Examples
     --------
@@ -50,7 +68,7 @@ class Survey:
             raise SceneError(f"Argument `{fault[1]}` of Survey, station {fault[0] + 1}: {fault[2]}")
 
     def tangent(self, s: np.ndarray) -> np.ndarray:
-        """Unit vectors (len(s), 3) along the hole, downhole."""
+        """Return the unit vectors along the borehole, pointing downhole, shape (len(s), 3)."""
         _, first, last, angle, part = self._arcs(s)
         straight = angle < 1e-9  # sin ratios lose nothing down to there, and equal the linear ones
         safe = np.where(straight, 1.0, angle)
@@ -59,7 +77,7 @@ class Survey:
         return left[:, None] * first + right[:, None] * last
 
     def curvature(self, s: np.ndarray) -> np.ndarray:
-        """Vectors dt/ds (len(s), 3) [1/m] towards the centre of the arc; their length is the dogleg per metre."""
+        """Return the curvature vectors dt/ds [1/m] towards the centre of the arc, shape (len(s), 3). Their length is the dogleg severity in rad/m."""
         i, first, last, angle, part = self._arcs(s)
         step = np.diff(self.depth)[i]
         straight = angle < 1e-9
@@ -69,12 +87,12 @@ class Survey:
         return (left[:, None] * first + right[:, None] * last) / step[:, None]
 
     def inclination_at(self, s: np.ndarray) -> np.ndarray:
-        """Inclination from the vertical [rad]."""
+        """Return the inclination from the vertical [rad] at measured depths `s` [m]."""
         t = self.tangent(s)
         return np.arctan2(np.hypot(t[:, 0], t[:, 1]), t[:, 2])
 
     def position(self, s: np.ndarray) -> np.ndarray:
-        """Coordinates (len(s), 3) [m], north, east and down, of points of the hole from its top."""
+        """Return the coordinates (north, east, down) of points of the borehole [m], from its top, shape (len(s), 3)."""
         s = np.atleast_1d(np.asarray(s, float))
         stations = np.asarray(self.depth)
         whole = np.vstack([np.zeros(3), np.cumsum(self._chord(stations[:-1], stations[1:]), axis=0)])
@@ -82,12 +100,14 @@ class Survey:
         return whole[i] + self._chord(stations[i], s)
 
     def plot(self, marks: float = 500.0) -> Any:
-        """Draw the path of the well: its vertical section, along the azimuth from the wellhead to its end, and its plan, both to scale.
+        """Draw the path of the well, to scale: its vertical section and its plan.
+
+        The plane of the vertical section contains the azimuth from the wellhead to the end of the well.
 
         Parameters
         ----------
         marks
-            Distance of the measured depths that are marked [m].
+            Distance of the measured depths that are marked [m], by default 500.
 
         Returns
         -------

@@ -23,7 +23,9 @@ from toolbox.modelling import OptionalQuantities
 
 @dataclass(frozen=True)
 class DrillString(TorsionalChain):
-    """A torsional chain from tables, made by `DrillString.from_tables`. `depth` gives the depths of its inertias.
+    """Torsional chain of a drill string from tables of its sections and its survey.
+
+    `DrillString.from_tables` makes it. `depth` holds the measured depths of its inertias [m].
 
     Examples
     --------
@@ -62,34 +64,40 @@ class DrillString(TorsionalChain):
         friction_factors: Sequence[Sequence[NumberOrText]] | None = None,
         name: str | None = None,
     ) -> DrillString:
-        """Make the chain of a string from its sections (top first) and, for friction along it, the survey of its hole.
+        """Make the chain of a drill string from its sections (top first) and, for friction along the string, its survey.
 
-            J rho w_t + tau_x = -drag_rate rho J w - F,   |F| <= mu n r_o,   n = side force per length, r_o = OD / 2 of tool joint or pipe
+            J rho w_t + tau_x = -drag_rate rho J w - F,   |F| <= mu n r_o
+
+        w is the speed of rotation, tau the torque and F the friction per length. n is the side force per length, and
+        r_o = OD / 2 of the tool joint or the pipe.
 
         Parameters
         ----------
         sections, survey
             Paths of tables (see `read_sections`, `read_survey`), or values.
         top_inertia
-            Inertia of what turns rigidly at the top, the motor and its gears as seen from the string [kg m2].
+            Inertia of the rigid rotating parts at the top, seen from the string: motor and gears [kg m2].
         bit_inertia
             Rigid inertia at the bit [kg m2].
         band
-            Frequency [Hz] up to which natural frequencies are right within one per cent; it decides the number of elements (see
-            `models.lumping`). Friction along the string asks for more than the swing of a whole string does: `python -m studies detail` prints
-            what more elements change and cost.
+            Frequency [Hz] up to which natural frequencies are accurate to 1 %. It determines the number of elements
+            (see `models.lumping`). Friction along the string may need more elements than the vibration of the whole
+            string: `python -m studies detail` prints the influence and the cost of more elements.
         elements
-            Number of elements, in place of the band; inertias are one more.
+            Number of elements, in place of the band. The number of inertias is larger by one.
         friction
-            Friction law of the string on its hole, with coefficients mu; only inertias with a side force get a contact.
+            Friction law of the string in its borehole, with coefficients mu. Only inertias with a side force get a
+            contact.
         on_bottom
-            Whether the last inertia is left to the rock (`BitRock`), as in a string that drills; its share of friction goes to the one above.
+            Whether the last inertia is left to the rock (`BitRock`), as in a string that drills. The inertia above it
+            then gets its share of the friction.
         mud_density
             Density of the mud for buoyancy [kg/m3]; 0 for none.
         doglegs
-            Whether the side force n has the part of the tension in curved hole (Johancsik); else n = w sin(inc).
+            Whether the side force n includes the effect of the tension in curved parts of the borehole (Johancsik).
+            Otherwise n = w sin(inc), with the weight per length w.
         weight_on_bit
-            Weight on bit [N], by which the tension of `doglegs` is lower.
+            Weight on bit [N]. It reduces the tension that `doglegs` uses.
         drag_rate
             Viscous drag per inertia of the string [1/s].
         internal_damping
@@ -97,19 +105,27 @@ class DrillString(TorsionalChain):
         top_drag, bit_drag
             Drag at the ends [N m s/rad].
         end_depth
-            Measured depth at which the string ends [m]: its first section, the drill pipe, is longer or shorter than the table says, and what is below stays.
+            Measured depth at which the string ends [m]. The length of the first section, the drill pipe, is changed to
+            fit. The sections below it keep their length.
         friction_factors
-            Kinetic coefficients of friction over depth, in place of that of `friction`: pairs (depth, coefficient) from the top. Each holds down to its
-            measured depth [m], the last to the end of the string: `[["2200 m", 0.2], ["3800 m", 0.3]]` for a casing above an open hole. The static
-            coefficient keeps its ratio to the kinetic one.
+            Kinetic coefficients of friction over depth, in place of the coefficient of `friction`: pairs (depth,
+            coefficient) from the top. Each coefficient holds down to its measured depth [m], the last one to the end of
+            the string. For a casing above an open hole: `[["2200 m", 0.2], ["3800 m", 0.3]]`. The static coefficient
+            keeps its ratio to the kinetic coefficient.
         name
-            Name of the part, where a plant has two chains.
+            Name of the part, needed if a plant has two chains.
+
+        Returns
+        -------
+        DrillString
+            The chain.
 
         Raises
         ------
         SceneError
-            If a table is bad (the message names file, row and column), an argument is out of range, friction is given without a survey, the survey ends
-            above the bit, or the sections below the first one are longer than the depth.
+            If a table is bad (the message names file, row and column), an argument is out of range, friction is given
+            without a survey, the survey ends above the bit, or the sections below the first one are longer than the
+            depth.
         """
         top_inertia, bit_inertia = (
             number(word, value, "kg m2", at_least=0) for word, value in (("top_inertia", top_inertia), ("bit_inertia", bit_inertia))
@@ -176,14 +192,15 @@ class DrillString(TorsionalChain):
 
     @staticmethod
     def torque_and_drag(tables: Mapping[str, Any], **changes: Any) -> TorqueDragOperations:
-        """Compute torque and drag of the string of `DrillString.from_tables` in the operations of a rig.
+        """Compute torque and drag of a string from tables, for the usual operations of a rig.
 
         Parameters
         ----------
         tables
-            {argument of `from_tables`: value}: sections, survey, friction, friction_factors, mud_density, weight_on_bit and end_depth are read.
+            {argument of `from_tables`: value}. These are used: sections, survey, friction, friction_factors,
+            mud_density, weight_on_bit and end_depth.
         changes
-            Arguments of `torque_drag_operations` in place of what the tables say.
+            Arguments of `torque_drag_operations` that replace the values of the tables.
 
         Returns
         -------

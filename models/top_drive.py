@@ -18,21 +18,35 @@ class TopDrive(Component):
 
         command u:      u_m = clip(u / n, +-T_max)                          n gear ratio, T_max torque limit of the motor
         drive:          T_m' = clip((u_m - T_m) / t_drive, +-R)             R rate limit; without lag T_m = u_m
-        gearbox, rigid: T_top = n T_m eta^s                                 s = sgn(T_m w_top): set-valued teeth of `models.gears`, and an idle torque
+        gearbox, rigid: T_top = n T_m eta^s                                 s = sgn(T_m w_top): set-valued friction of the teeth, and an idle torque
         with inertia:   J_m w_m' = T_m - (T_top / n) eta^-s,  twist' = w_m / n - w_top,  T_top = k twist + c twist'
         encoder:        w' = (w_m / n - w) / t_encoder                      without lag w = w_m / n; rigid: w_m = n w_top
 
-    Composed into a plant, it stands between control laws and the string: what they drive as `top.torque` is `drive.command` (torque wanted at the top, losses
-    not counted), what they measure as `top.speed` is `drive.speed`; no law changes.
+    Composed into a plant, the top drive stands between the controllers and the string, without any change of a
+    controller:
 
-    - Needs the signals `drive.command` [N m] (default 0) and `top.speed` [rad/s].
-    - Gives the signals `top.torque` [N m], `drive.torque` T_m [N m] and `drive.speed` w [rad/s].
+    - A controller that gives `top.torque` gives `drive.command` instead. This is the torque wanted at the top, without
+      losses.
+    - A controller that measures `top.speed` measures `drive.speed` instead.
+
+    Signals:
+
+    - Needs `drive.command` u [N m] (default 0) and `top.speed` w_top [rad/s].
+    - Gives `top.torque` T_top [N m], `drive.torque` T_m [N m] and `drive.speed` w [rad/s].
     - Contact, with an efficiency: `drive`.
 
-    What is None is not there: a lag is one state, `motor_inertia` (with stiffness and damping of its shaft, seen from the top) two, an efficiency (with an
-    idle torque) one contact, a limit one kink. Without `motor_inertia` the first inertia of the string includes that of the motor, as in published
-    sets. The rate limit needs the lag: a limiter without one would be a relay that tracks jumps. An ideal sliding mode needs a drive without lags,
-    limits and efficiency, because no motor switches its torque at once. Defaults: lags of 5 ms and 2 ms, typical, no source.
+    Optional features (None: off):
+
+    - A lag adds one state.
+    - `motor_inertia`, with stiffness and damping of its shaft as seen from the top, adds two states. Without it the
+      first inertia of the string includes the inertia of the motor, as in published parameter sets.
+    - An efficiency, with an idle torque, adds one contact.
+    - A limit adds one kink. The rate limit needs the lag, because without a lag it would be a relay.
+
+    An ideal sliding mode needs a drive without lags, limits and efficiency, because no motor can switch its torque
+    instantly.
+
+    Defaults: lags of 5 ms and 2 ms, which are typical but have no source.
 
     Examples
     --------
@@ -70,13 +84,16 @@ class TopDrive(Component):
 
     @property
     def routes(self):
-        """What control laws find in place of the signals of the string."""
+        """Signals that the drive redirects: controllers that use `top.torque` and `top.speed` are connected to `drive.command` and `drive.speed`."""
         own = self.name or "drive"
         return {"top.torque": f"{own}.command", "top.speed": f"{own}.speed"}
 
     @property
     def signal_limits(self):
-        """Return the limits of the motor torque, and of the torque on the string if nothing lies between them, for figures."""
+        """Limits of the motor torque as {signal: (lowest, highest)}, for figures.
+
+        The torque on the string is included if it is proportional to the motor torque.
+        """
         if self.torque_limit is None:
             return {}
         motor = (-self.torque_limit, self.torque_limit)

@@ -31,26 +31,39 @@ STEP = 5.0
 
 @dataclass(frozen=True)
 class TorqueDrag(Result):
-    """Tension and torque along a string in its hole, from the top down; `found.plot()` draws them.
+    """Tension and torque along a drill string in its borehole, from the top down.
+
+    `plot()` draws them.
 
     Attributes
     ----------
     depth
         Measured depths [m], shape (n,).
     tension
-        Effective tension [N], shape (n,); the first is the hook load without the weight of hook and block.
+        Effective tension [N], shape (n,). The first value is the hook load without the weight of hook and block.
     frictionless_tension
-        That of the string as it lay or turned, without friction along the hole [N], shape (n,).
+        Effective tension [N] without friction along the borehole, shape (n,).
     torque
-        Torque that the string carries [N m], shape (n,); the first is that of the top drive.
+        Torque in the string [N m], shape (n,). The first value is the torque of the top drive.
     side_force
-        Force between string and hole [N/m], shape (n,).
+        Force between string and borehole [N/m], shape (n,).
     sliding_front
-        Measured depth above which the string slides, below which it is stuck [m]: its whole length where all of it moves.
+        Measured depth above which the string slides and below which it is stuck [m]. The length of the string if all of
+        it moves.
     twist
-        How far the top is ahead of the bit [rad].
+        Angle by which the top is ahead of the bit [rad].
     bit_static
-        Whether the string slides down to the bit, but what is applied at its top leaves the bit less torque than the rock takes.
+        Whether the string slides down to the bit, but the bit itself does not turn, because the torque that reaches it
+        is below the torque of the rock.
+
+    Examples
+    --------
+    >>> from models import Section, Survey, torque_drag
+    >>> pipe = Section(length="2000 m", outer="5 in", inner="4.276 in")
+    >>> survey = Survey(depth=(0.0, 800.0, 1400.0, 2000.0), inclination=(0.0, 0.0, 1.0, 1.0), azimuth=(0.0, 0.0, 0.0, 0.0))
+    >>> found = torque_drag([pipe], survey, friction=0.25, axial_speed=-0.2)
+    >>> print(f"drag {found.drag / 1e3:.0f} kN, the whole string moves: {found.moves}")
+    drag 62 kN, the whole string moves: True
     """
 
     depth: np.ndarray
@@ -64,7 +77,7 @@ class TorqueDrag(Result):
 
     @property
     def moves(self) -> bool:
-        """Whether the whole string moves, the bit too."""
+        """Whether the whole string moves, including the bit."""
         return self.sliding_front >= float(self.depth[-1]) and not self.bit_static
 
     @property
@@ -74,13 +87,15 @@ class TorqueDrag(Result):
 
     @property
     def neutral(self) -> float:
-        """Measured depth below which the string is in compression down to the bit [m]: its end if there is none."""
+        """Neutral point: measured depth below which the string is in compression down to the bit [m]. The length of the string if there is no
+        compression.
+        """
         pulled = np.flatnonzero(self.tension >= 0.0)
         return float(self.depth[pulled[-1]]) if pulled.size else 0.0
 
     @property
     def drag(self) -> float:
-        """Contribution of friction along the hole to the hook load [N], negative while the string is lowered."""
+        """Drag: contribution of friction along the borehole to the hook load [N]. It is negative while the string is lowered."""
         return float(self.tension[0] - self.frictionless_tension[0])
 
     def __str__(self) -> str:
@@ -110,9 +125,9 @@ class TorqueDrag(Result):
         Parameters
         ----------
         label
-            What the string does, for the legend.
+            Name of the motion of the string, for the legend.
         axes
-            The two axes of an earlier picture, into which another motion of the same string is drawn.
+            The two axes of an earlier figure, to which another motion of the same string is added.
 
         Returns
         -------
@@ -355,16 +370,19 @@ def _stepped(slope: Callable[[int, int, float], tuple[float, float]], k: int, pu
 
 @dataclass(frozen=True)
 class TorqueDragOperations(Result):
-    """Torque and drag of one string in the operations of a rig. `found["picking up"]` is the `TorqueDrag` of this operation.
+    """Torque and drag of one string in the usual operations of a rig.
+
+    `found["picking up"]` is the `TorqueDrag` of this operation.
 
     Attributes
     ----------
     operations
         {operation: torque and drag along the string}.
     friction
-        Friction factors: pairs (measured depth [m], factor), each from the depth above on.
+        Friction factors as pairs (measured depth [m], factor). Each factor holds from the previous depth down to its
+        depth.
     display_units
-        {unit: unit in which it was typed}.
+        {SI unit: unit in which the input was given}.
     """
 
     operations: Mapping[str, TorqueDrag]
@@ -413,7 +431,7 @@ class TorqueDragOperations(Result):
         return ["operation", *heads], rows
 
     def plot(self) -> Any:
-        """Draw tension and torque of all operations over depth; returns the two axes."""
+        """Draw tension and torque of all operations over depth, and return the two axes."""
         from toolbox.authoring import line_styles, name_axis, panels, paper
 
         with paper():

@@ -10,15 +10,19 @@ from toolbox import Component, Equations, Quantity, quantity, state
 
 @dataclass(frozen=True)
 class TorsionalPendulum(Component):
-    """One inertia under a table of imposed speed: J w' = k twist + c (W - w) - c_b w - T,   twist' = W - w.
+    """One inertia on a spring under a rotary table with imposed speed.
 
-    Two states.
+        J w' = k twist + c (W - w) - c_b w - T,   twist' = W - w
+
+    W is the speed of the table, w the speed of the bit, and T the torque on the bit. The model has two states.
 
     - Needs the signals `top.speed` W [rad/s] (default: the field) and `bit.torque` T [N m] (default 0).
-    - Gives the signals `bit.speed` w [rad/s], `top.load` [N m], the torque of the string on the table, `bit.free_acceleration` [rad/s2], that of the bit
-      without the rock, and `bit.inertia` [kg m2].
+    - Gives the signals `bit.speed` w [rad/s], `top.load` [N m], the torque of the string on the table,
+      `bit.free_acceleration` [rad/s2], the acceleration of the bit without the rock, and `bit.inertia` [kg m2].
 
-    The string of T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007); the defaults have the size of its 1000 m string and are chosen.
+    The defaults are chosen: they have the size of the 1000 m string in the source.
+
+    Source: T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007).
 
     Examples
     --------

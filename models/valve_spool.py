@@ -16,9 +16,13 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, Un
 
 @dataclass(frozen=True)
 class ValveSpool(Component):
-    """A spool that a force moves between two stops, against a spring and the friction of its seals; its input is `spool.force`.
+    """Valve spool that a force moves between two rigid stops, against a spring and the dry friction of its seals.
 
-    Numbers are chosen. Equations: `models.valve_spool`.
+        m v' = P - k x - d v + F_seal - N_upper + N_lower,   -stroke <= x <= stroke
+
+    The input is the force P, `spool.force` [N]. N_upper and N_lower are the contact forces of the stops.
+
+    All numbers are chosen.
 
     Examples
     --------

@@ -20,19 +20,34 @@ from toolbox.modelling import Quantities
 
 @dataclass(frozen=True)
 class WallContact(Component):
-    """The lower end of a string that lies on the wall of its hole, off bottom: dry friction along the hole and around it under one cone.
+    """Dry friction at the lower end of a string that lies on the wall of its borehole, off bottom, with one cone for sliding and rotation.
 
         stick:  v = 0, R w = 0,  sqrt(F^2 + (T / R)^2) <= mu_s N
         slip:   F = mu N v / s,  T = mu N R (R w) / s,  s = sqrt(v^2 + (R w)^2)      both against the motion
 
-    Turning takes axial drag away, and a string that hangs up along its hole comes free when it is turned. It stands in the place of the rock, at the last mass
-    of an `AxialChain` and the last inertia of a `TorsionalChain`; every switch is located. For friction at every mass, stepped over time, see `StringOnWall`.
+    Rotation reduces the axial drag: a string that is held by axial friction comes free when it is rotated.
 
-    - Needs the signals `bit.axial_speed` v [m/s], downwards, and `bit.speed` w [rad/s].
-    - Gives the signals `wall.drag` F [N] and `wall.torque` T [N m], to the chains as `bit.weight` and `bit.torque`.
-    - Contact: `wall`, with the modes "stick" and "slip"; `wall.force` [N] is sqrt(F^2 + (T / R)^2), `wall.slip` [m/s] is s.
+    The part replaces the rock. It acts on the last mass of an `AxialChain` and on the last inertia of a
+    `TorsionalChain`, and every switch is located as an event. For friction at every mass, computed in time steps, use
+    `StringOnWall`.
 
-    Textbook (torque and drag); the defaults have the size of 200 m of collars on the low side of a horizontal hole and are chosen.
+    - Needs the signals `bit.axial_speed` v [m/s], positive downwards, and `bit.speed` w [rad/s].
+    - Gives the signals `wall.drag` F [N] and `wall.torque` T [N m]. They act on the chains as `bit.weight` and
+      `bit.torque`.
+    - Contact: `wall`, with the modes "stick" and "slip". `wall.force` [N] is sqrt(F^2 + (T / R)^2), and `wall.slip`
+      [m/s] is s.
+
+    The defaults are chosen: they have the size of 200 m of collars on the low side of a horizontal borehole.
+
+    Source: textbook (torque and drag).
+
+    Examples
+    --------
+    >>> from models import AxialChain, TorsionalChain, WallContact
+    >>> from toolbox import compose
+    >>> print(compose(AxialChain(), TorsionalChain(), WallContact()))
+    HybridSystem(AxialChain, TorsionalChain, WallContact): 5 states (axial.stretch, axial.speed, chain.twist,
+      chain.speed); contacts: wall, wall.direction; inputs: hook.speed [m/s], top.torque [N m]
     """
 
     load: Quantity = quantity(150_000.0, "N", "side force on the wall", at_least=0, typical_range=(10.0, 1e7))
@@ -211,9 +226,10 @@ def string_on_wall(
 
 @dataclass(frozen=True)
 class StringOnWall(ContactBody):
-    """Drill string that slides along its hole and turns in it at once, with one cone of friction at every mass, as scenes name it.
+    """Drill string that slides along its borehole and rotates at the same time, with one Coulomb friction cone at every mass.
 
-    `string_on_wall` says what its inputs, outputs and frame are: with `top_drive` control laws measure `top.speed` and drive `top.torque`.
+    This class is the form for scene files of the function `string_on_wall`, which describes inputs, outputs and frame
+    of reference. With `top_drive` controllers measure `top.speed` and give `top.torque`.
     """
 
     mass: Quantities = quantity(unit="kg", meaning="masses behind the hoisting lines, top first", above=0)

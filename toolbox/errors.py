@@ -105,7 +105,7 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 class SceneError(ValueError):
-    """A plant, a scene or an argument that cannot be simulated in its present form. The message names the argument and the condition.
+    """Error in a plant, a scene or an argument, which cannot be simulated as it is. The message names the argument and the condition.
 
     Examples
     --------
@@ -151,7 +151,7 @@ class UnusualValue(UserWarning):
 
 
 class SimulationError(RuntimeError):
-    """A run that could not be finished. `run` is the trajectory up to the failure (None if nothing was computed)."""
+    """Error in a run that could not be finished. `run` is the trajectory up to the failure, or None if nothing was computed."""
 
     def __init__(self, message: str, run: Any = None):
         super().__init__(message)

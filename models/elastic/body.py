@@ -21,18 +21,35 @@ AXES = "xyz"
 
 @dataclass(frozen=True, eq=False)
 class ElasticBody:
-    """A linear elastic body: M u'' + C u' + K u = f, with its nodes and the parts of its surface.
+    """Linear elastic body M u'' + C u' + K u = f from finite elements, with its nodes and the named parts of its surface.
 
-    A port is a weighted mean of displacements, w^T u: where a body is joined to something, a force F on the port loads it with w F. `point`, `mean` and
-    `rows` make ports, `reduced` keeps them exactly.
+    A port is a weighted mean w^T u of displacements. If the body is joined to another part at a port, a force F on the
+    port loads the body with w F. `point`, `mean` and `rows` make ports, and `reduced` keeps the ports exactly.
 
-    mass, stiffness: (n, n) symmetric matrices [kg], [N/m], dense or sparse (scipy).  damping: (n, n) matrix [N s/m]; None for none.
-    nodes: (k, 1 to 3) coordinates [m]; None where they are not known.  entries: (k, axes) whole numbers, the entry of u that is the displacement of a node
-    along an axis, -1 where the node is held; None for node by node, or, without nodes, one entry a node.  faces: {name: (k,) areas [m2] of a part of
-    the surface that belong to each node, 0 away from it}. In a plane model lengths stand in place of areas.
+    Attributes
+    ----------
+    mass, stiffness
+        Symmetric matrices M [kg] and K [N/m], shape (n, n), dense or sparse (scipy).
+    damping
+        Matrix C [N s/m], shape (n, n). None for no damping.
+    nodes
+        Coordinates of the nodes [m], shape (k, 1 to 3). None if they are not known.
+    entries
+        Integers, shape (k, axes): the index in u of the displacement of a node along an axis, -1 if the node is held.
+        By default (None) the entries of u are ordered node by node or, without nodes, one entry per node.
+    faces
+        {name of a part of the surface: areas [m2] that belong to each node, shape (k,), 0 away from the part}. In a
+        plane model lengths replace areas.
 
-    Raises SceneError for matrices that are not square, finite, symmetric and of one size, for a mass that is not positive on its diagonal, and for
-    entries, nodes or faces that do not fit.  Source: textbook (finite elements).
+    Raises
+    ------
+    SceneError
+        If the matrices are not square, finite, symmetric and of one size, if the mass is not positive on its diagonal,
+        or if entries, nodes or faces do not fit.
+
+    Notes
+    -----
+    Source: textbook (finite elements).
     """
 
     mass: Any
@@ -88,21 +105,26 @@ class ElasticBody:
         names: Mapping[str, str] | None = None,
         **places: Any,
     ) -> ElasticBody:
-        """A body from files of a finite-element program: Matrix Market (.mtx, .mtx.gz) or MAT (.mat), one matrix each, in SI units.
+        """Make a body from files of a finite-element program: Matrix Market (.mtx, .mtx.gz) or MAT (.mat), with one matrix each, in SI units.
 
         Parameters
         ----------
         mass, stiffness, damping
-            Paths of the files; no damping without the last.
+            Paths of the files. Without the last one there is no damping.
         names
-            {"mass": name of the matrix in its MAT file, ...}, needed where a file holds several matrices.
+            {"mass": name of the matrix in its MAT file, ...}. Needed if a file holds several matrices.
         places
             nodes, entries and faces, as for `ElasticBody`.
+
+        Returns
+        -------
+        ElasticBody
+            The body.
 
         Raises
         ------
         SceneError
-            Where a file cannot be read, or holds no matrix of that name, or several.
+            If a file cannot be read, or if it holds no matrix of that name or several matrices.
         """
         names = names or {}
         paths = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})
@@ -114,18 +136,18 @@ class ElasticBody:
 
     @property
     def size(self) -> int:
-        """Entries of the displacement."""
+        """Number of entries of the displacement u."""
         return int(self.mass.shape[0])
 
     def on(self, face: str) -> np.ndarray:
-        """Numbers of the nodes of a face, ordered by x, then y, then z; raises SceneError for a face that the body has not."""
+        """Return the indices of the nodes of a face, ordered by x, then y, then z. Raises SceneError if the body has no face of this name."""
         if face not in self.faces:
             raise SceneError(f"There is no face `{face}`: {suggest(face, self.faces)}")
         found = np.flatnonzero(self.faces[face])
         return found if self.nodes is None else found[np.lexsort(np.round(self.nodes[found].T, 12)[::-1])]
 
     def clamped(self, nodes: str | Iterable[int], axes: str = AXES) -> ElasticBody:
-        """Return the body with nodes, or all nodes of a face, held along axes such as "z" or "xyz" (axes of the body)."""
+        """Return the body with some nodes, or all nodes of a face, held along the given axes, such as "z" or "xyz"."""
         chosen = self.on(nodes) if isinstance(nodes, str) else self._nodes(nodes)
         columns = [self._axis(axis) for axis in axes if axes != AXES or AXES.index(axis) < self.entries.shape[1]]
         held = self.entries[chosen][:, columns]
@@ -138,20 +160,29 @@ class ElasticBody:
         return replace(self, **matrices, entries=number[self.entries])
 
     def point(self, node: int, axis: str) -> np.ndarray:
-        """The port that is the displacement of one node along an axis; (n,)."""
+        """Return the port that is the displacement of one node along an axis, shape (n,)."""
         return self._weighted(np.array([node]), np.ones(1), axis)
 
     def mean(self, face: str, axis: str) -> np.ndarray:
-        """The port that is the mean displacement of a face along an axis, weighted with area; a force on it is an even traction. Shape (n,)."""
+        """Return the port that is the area-weighted mean displacement of a face along an axis, shape (n,). A force on this port is a uniform
+        traction.
+        """
         chosen = self.on(face)
         return self._weighted(chosen, self.faces[face][chosen], axis)
 
     def rows(self, face: str, along: str, axis: str) -> list[np.ndarray]:
-        """Ports of the rows of a face: nodes with one coordinate `along` an axis, in its order; each the mean displacement of its row along `axis`."""
+        """Return one port for each row of nodes of a face: the mean displacement of the row along `axis`.
+
+        A row consists of the nodes with the same coordinate `along` an axis. The rows are in the order of this
+        coordinate.
+        """
         return [self._weighted(row, self.faces[face][row], axis) for row in self._rows(face, along)]
 
     def row_areas(self, face: str, along: str) -> np.ndarray:
-        """Areas [m2] of the rows of a face, as in `rows`: times a pressure, their normal loads on a smooth plate under even pressure."""
+        """Return the areas [m2] of the rows of a face, in the order of `rows`.
+
+        An area times a pressure is the normal load of the row on a smooth plate under uniform pressure.
+        """
         return np.array([self.faces[face][row].sum() for row in self._rows(face, along)])
 
     def _rows(self, face: str, along: str) -> list[np.ndarray]:
@@ -163,15 +194,34 @@ class ElasticBody:
         return [chosen[row == i] for i in range(row.max() + 1)]
 
     def frequencies(self, band: NumberOrText) -> np.ndarray:
-        """Natural frequencies [Hz] of the undamped body from 0 up to `band` [Hz], in rising order; rigid-body motions are zeros."""
+        """Compute the natural frequencies [Hz] of the undamped body from 0 up to `band` [Hz], ascending. Rigid-body motions have frequency 0."""
         return natural_frequencies(self.mass, self.stiffness, number("band", band, "Hz", at_least=0))
 
     def reduced(self, ports: Mapping[str, np.ndarray], band: NumberOrText = 0.0, tolerance: float = 0.01) -> ReducedBody:
-        """The body in a few coordinates: the displacements of its ports, and as many modes with held ports as the band needs (Craig and Bampton).
+        """Return the body in a few coordinates (Craig-Bampton reduction).
 
-        ports: {name: (n,) weights w of the displacement w^T u}, linearly independent.  band [Hz]: every natural frequency of the body up to there is right
-        within `tolerance` (relative); 0 for statics alone.  Statics under forces on ports are exact; rigid-body motions are kept. See `ReducedBody`.
-        Raises SceneError for a band below 0, a tolerance that is not > 0 and < 1, and ports of another length or that depend on each other.
+        The coordinates are the displacements of the ports, and as many modes with fixed ports as the band needs. The
+        static response to forces on ports is exact, and rigid-body motions are kept.
+
+        Parameters
+        ----------
+        ports
+            {name: weights w of the displacement w^T u, shape (n,)}, linearly independent.
+        band
+            Frequency [Hz] up to which every natural frequency of the body is accurate. 0 for the static response alone.
+        tolerance
+            Relative error of these natural frequencies.
+
+        Returns
+        -------
+        ReducedBody
+            The reduced body.
+
+        Raises
+        ------
+        SceneError
+            If the band is below 0, the tolerance is not > 0 and < 1, or ports have another length or depend on each
+            other.
         """
         return reduce_body(self.mass, self.damping, self.stiffness, ports, number("band", band, "Hz", at_least=0), tolerance)
 

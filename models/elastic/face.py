@@ -14,12 +14,22 @@ from toolbox.modelling import OptionalQuantities
 
 @dataclass(frozen=True)
 class ElasticFace(ContactBody):
-    """Elastic body on a rigid plate, each of its contacts with Coulomb's cone: M q'' + C q' + K q = forces on its ports.
+    """Elastic body on a rigid plate, with many contacts that have a Coulomb friction cone: M q'' + C q' + K q = forces on its ports.
 
-    A contact is the ports with its number: `x.i` and `y.i` along the plate and `z.i` above it where `tangent` is ("x", "y") and `normal` is "z". Contacts
-    open and close under their own pressure, or carry given `loads` in place of `normal`. A spring and a damper to ground may act on one port,
-    `support_port`; a body may bring more of them (`ReducedBody.mounted`). Inputs: `surface.x` and `surface.y`, the speeds of the plate along the tangents
-    [m/s], and the ports in `force_ports`, each a force on the body [N]. Outputs are all ports [m]. Range: small strain, small turns; hundreds of contacts.
+    - A contact i consists of the ports with its number. With `tangent` ("x", "y") and `normal` "z" these are `x.i` and
+      `y.i` along the plate and `z.i` above it.
+    - With `normal` the contacts open and close under their own pressure. Alternatively they carry the constant normal
+      `loads`.
+    - A spring and a damper to ground may act on one port, `support_port`. A body may have further springs to ground
+      (`ReducedBody.mounted`).
+
+    Signals:
+
+    - Needs `surface.x` and `surface.y`, the speeds of the plate along the tangents [m/s], and the ports in
+      `force_ports`, each as a force on the body [N].
+    - Gives all ports [m].
+
+    Range of validity: small strains and small rotations; up to hundreds of contacts.
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})

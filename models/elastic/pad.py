@@ -19,15 +19,22 @@ from toolbox.modelling import Quantities
 class ElasticPad(Component):
     """Elastic pad on a disc that moves under it, in a plane: M q'' + C q' + K q = forces on its ports.
 
-        N_i = k_c (y_i + a_i) + c_c y_i' while it is closed and > 0, else 0 ;   F_i dry friction against x_i' - v_disc, load N_i
+        N_i = k_c (y_i + a_i) + c_c y_i' if the contact is closed and this value is > 0, else 0
+        F_i dry friction with slip speed x_i' - v_disc and load N_i
 
-    Contact i is two ports of the reduced body, `along.i` with displacement x_i along the disc and `into.i` with y_i into it; a spring k_c stands for lining and
-    disc. q is counted from the unloaded pad, a_i is the approach of the disc to its contact: what presses it where nothing else pushes the pad. With one rigid
-    mass on two springs this is `SquealingPad` with preload k_c a, and may part.
-    Signals: needs `disc.speed` [m/s] (the field), `pad.push` [N] (0) on the port `force_ports`, into the disc where that port counts so; gives
-    `pad.normal_force` and `pad.friction_force` [N] of all contacts. States: `pad.displacement` q and `pad.rate` q', without modes that no port moves.
-    Elements: `touch.i` ("open", "closed") and `pad.i` ("stick", "slip+/-").
-    Range: small strain, speed of the disc the same under all contacts, some ten contacts.
+    Contact i consists of two ports of the reduced body: `along.i`, with the displacement x_i along the disc, and
+    `into.i`, with the displacement y_i into the disc. A spring k_c represents lining and disc. q is counted from the
+    unloaded pad. a_i is the approach of the disc to contact i: it presses the pad if no other force does.
+
+    With one rigid mass on two springs the model equals `SquealingPad` with the preload k_c a, but the contact may open.
+
+    - Needs the signals `disc.speed` v_disc [m/s] (default: the field) and `pad.push` [N] (default 0), a force on the
+      port `force_ports`. It pushes the pad into the disc if the positive direction of that port points into the disc.
+    - Gives the signals `pad.normal_force` and `pad.friction_force` [N] of all contacts.
+    - States: `pad.displacement` q and `pad.rate` q', without modes that no port excites.
+    - Elements: `touch.i` with the modes "open" and "closed", and `pad.i` with the modes "stick" and "slip+/-".
+
+    Range of validity: small strains, the same disc speed under all contacts, about ten contacts.
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})
@@ -98,9 +105,26 @@ class ElasticPad(Component):
         return math.copysign(coefficient, self.disc_speed)
 
     def pressed(self, friction: float | None = None, push: float = 0.0) -> np.ndarray:
-        """q [m] at steady sliding, shape (n,), for a coefficient of friction (without, that of the law at the speed of the disc).
+        """Compute the displacements at steady sliding, as a start for runs.
 
-        A start for runs. The disc pulls towards positive x for a positive speed. Raises SceneError where no set of closed contacts is found.
+        For a positive disc speed the friction of the disc pulls the pad in the direction of positive x.
+
+        Parameters
+        ----------
+        friction
+            Coefficient of friction. By default the coefficient of the friction law at the speed of the disc.
+        push
+            Force on the port `force_ports` [N].
+
+        Returns
+        -------
+        numpy.ndarray
+            Displacements q [m], shape (n,).
+
+        Raises
+        ------
+        SceneError
+            If no consistent set of closed contacts is found.
         """
         along, into, count = self._body.indices("along"), self._body.indices("into"), len(self.initial_approach)
         mu = self._coefficient(friction)
@@ -127,9 +151,20 @@ class ElasticPad(Component):
         )
 
     def poles(self, friction: float | None = None) -> np.ndarray:
-        """Eigenvalues [1/s] of steady sliding with all its contacts slipping, shape (2 n,), for a constant coefficient of friction, by growth downwards.
+        """Compute the eigenvalues of steady sliding with constant friction, with all closed contacts slipping.
 
-        Which contacts are closed is that of `pressed`. Without `friction` it is that of the law at the speed of the disc, and its fall with speed is left out.
+        The set of closed contacts is taken from `pressed`.
+
+        Parameters
+        ----------
+        friction
+            Coefficient of friction. By default the coefficient of the friction law at the speed of the disc; the slope
+            of the friction law is neglected.
+
+        Returns
+        -------
+        numpy.ndarray
+            Eigenvalues [1/s], shape (2 n,), sorted by decreasing real part.
         """
         along, into = self._body.indices("along"), self._body.indices("into")
         mu = self._coefficient(friction)
@@ -147,10 +182,19 @@ class ElasticPad(Component):
         return found[np.argsort(-found.real)]
 
     def flutter_friction(self, up_to: float = 2.0, tolerance: float = 1e-6) -> float:
-        """Return the smallest coefficient of friction, up to `up_to`, at which steady sliding becomes unstable. inf if no coefficient does.
+        """Find the smallest coefficient of friction at which steady sliding becomes unstable. inf if no coefficient up to `up_to` does.
 
-        Found by a scan in 200 steps and halving, with the poles as they are, so that an instability narrower than a step may be missed.
-        Without damping the poles of a stable pad lie on the imaginary axis; growth counts above 1e-7 of the fastest pole.
+        The search scans 200 coefficients and refines the first unstable one by bisection, with the eigenvalues of
+        `poles`. It may miss an unstable range that is narrower than one step of the scan. Without damping the poles of
+        a stable pad lie on the imaginary axis. A pole counts as unstable if its real part is above 1e-7 of the
+        magnitude of the fastest pole.
+
+        Parameters
+        ----------
+        up_to
+            Largest coefficient of friction of the search.
+        tolerance
+            Absolute tolerance of the bisection.
         """
 
         def unstable(mu: float) -> bool:

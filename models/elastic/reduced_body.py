@@ -32,32 +32,35 @@ MATRICES = ("mass", "damping", "stiffness")
 
 @dataclass(frozen=True, eq=False)
 class ReducedBody(Renamed):
-    """An elastic body in few coordinates q = (displacements of the ports, amplitudes of modes): M q'' + C q' + K q = forces on the ports.
+    """Elastic body in a few coordinates q, the displacements of its ports and amplitudes of modes: M q'' + C q' + K q = forces on the ports.
 
-    `ElasticBody.reduced` makes one from finite elements; matrices that another program has reduced make one, too. Two reduced bodies with the same ports,
-    matrices and contacts are equal. In a scene file a body is the path of a file that `save` has written, or a table of these attributes.
+    `ElasticBody.reduced` makes it from finite elements. Matrices that another program has reduced can be used directly.
+    Two reduced bodies with the same ports, matrices and contacts are equal. In a scene file a body is the path of a
+    file that `save` has written, or a table of these attributes.
 
     Attributes
     ----------
     ports
-        Names of the ports, the first coordinates in that order [m].
+        Names of the ports, whose displacements [m] are the first coordinates, in this order.
     mass, damping, stiffness
-        (q, q): symmetric matrices, dense [kg], [N s/m], [N/m]; the mass is positive definite.
+        Symmetric dense matrices [kg], [N s/m], [N/m], shape (q, q). The mass is positive definite.
     cutoff_frequency
-        What the modes were chosen for [Hz]; 0 for statics alone.
+        Frequency up to which modes were kept [Hz]; 0 for the static response alone.
     frequencies
-        (f,): natural frequencies [Hz] of the whole body in that band, without rigid-body motions.
+        Natural frequencies of the full body up to `cutoff_frequency` [Hz], shape (f,), without rigid-body motions.
     frequency_errors
-        (f,): relative errors of the reduced body's, >= 0.
+        Relative errors of these natural frequencies in the reduced body, shape (f,), >= 0.
     rigid_body_modes
         Number of rigid-body motions of the body.
     contact_positions, contact_areas
-        (c, 1 to 3) where the contacts of the body are [m], and (c,) area of each [m2], for pictures and pressures; None where nobody said.
+        Positions of the contacts [m], shape (c, 1 to 3), and area of each contact [m2], shape (c,), for pictures and
+        pressures. None if they are not known.
 
     Raises
     ------
     SceneError
-        For names that are not text or there twice, and matrices that are not finite, symmetric, of one size, or too small for the ports.
+        If a name is not text or occurs twice, or if matrices are not finite, not symmetric, of different sizes, or too
+        small for the ports.
     """
 
     ports: tuple[str, ...]
@@ -100,9 +103,9 @@ class ReducedBody(Renamed):
         return symmetric(word, matrix)
 
     def save(self, path: str | Path) -> Path:
-        """Write the body to a file (.npz) that `load` and scene files read, whole or not at all; returns its path.
+        """Write the body to a file (.npz) for `load` and scene files, and return its path.
 
-        Of a matrix that is symmetric to the last bit the file holds the upper triangle alone, above zeros.
+        The file is written atomically. For an exactly symmetric matrix it holds only the upper triangle.
         """
         path = _npz(path)
         arrays: dict[str, Any] = {
@@ -115,7 +118,10 @@ class ReducedBody(Renamed):
 
     @classmethod
     def load(cls, path: str | Path) -> ReducedBody:
-        """The body in a file that `save` has written; raises SceneError where the file is missing, damaged, or holds no body. Loading never runs code."""
+        """Read a body from a file of `save`. Reading never executes code from the file.
+
+        Raises SceneError if the file is missing, damaged, or holds no body.
+        """
         path = _npz(path)
         found = {new_field(cls, name): array for name, array in read_arrays(path, "a reduced body").items()}
         known = [spec.name for spec in fields(cls)]
@@ -138,11 +144,11 @@ class ReducedBody(Renamed):
 
     @property
     def modes(self) -> int:
-        """Number of modes with held ports that were kept."""
+        """Number of kept modes with fixed ports."""
         return self.size - len(self.ports)
 
     def index(self, port: str) -> int:
-        """The coordinate that is the displacement of a port; raises SceneError for a port that the body has not."""
+        """Return the index of the coordinate that is the displacement of a port. Raises SceneError if the body has no such port."""
         if port not in self.ports:
             raise SceneError(f"There is no port `{port}`: {suggest(port, self.ports)}")
         return self.ports.index(port)
@@ -174,9 +180,14 @@ class ReducedBody(Renamed):
         return replace(self, mass=self.mass[kept], damping=self.damping[kept], stiffness=self.stiffness[kept])
 
     def mounted(self, mounts: Mapping[str, tuple[NumberOrText, NumberOrText]]) -> ReducedBody:
-        """The body with springs and dampers from ports to ground: {port: (stiffness [N/m], damping [N s/m])}, both >= 0.
+        """Return the body with additional springs and dampers from ports to ground.
 
-        `frequencies` and `frequency_errors` remain those of the body without mounts.
+        `frequencies` and `frequency_errors` of the result still describe the body without these mounts.
+
+        Parameters
+        ----------
+        mounts
+            {port: (stiffness [N/m], damping [N s/m])}, both >= 0.
         """
         if not isinstance(mounts, Mapping):
             raise SceneError(f"Argument `mounts` must map ports to (stiffness, damping), but it is {mounts!r}.")
@@ -201,28 +212,34 @@ class ReducedBody(Renamed):
         places: Any = None,
         areas: Any = None,
     ) -> ContactProblem:
-        """The body on a rigid counter-surface, for `step_contacts`.
+        """Return the contact problem of the body on a rigid counter-surface, for `step_contacts`.
 
-        Inputs of the problem: `surface.word`, the speeds of the counter-surface along the tangents [m/s], and the names in `pushed`. Outputs are all ports.
+        The inputs of the problem are the speeds of the counter-surface along the tangents [m/s], `surface.<word>` for
+        every word in `tangent`, and the forces in `pushed`. The outputs are all ports.
 
         Parameters
         ----------
         friction
-            The law of friction.
+            The friction law.
         tangent
-            One or two words; the ports `word.0`, `word.1`, ... are the tangential displacements of the contacts.
+            One or two words. The ports `word.0`, `word.1`, ... are the tangential displacements of the contacts.
         normal
             The word of their normal displacements, for contacts that open and close.
         closing
-            1 where a positive normal displacement closes the gap, -1 where it opens it, as for z above a plate.
+            1 if a positive normal displacement closes the gap, -1 if it opens the gap, as for z above a plate.
         load
-            Given normal loads [N] instead, shape (contacts,).
+            Constant normal loads [N], shape (contacts,), in place of `normal`.
         gap
-            As for `ContactProblem`.
-        contact_positions, contact_areas
-            As for `ContactProblem`; without, those of the body.
+            Gaps of the contacts, as for `ContactProblem`.
         pushed
-            Ports that are pushed; the input of that name is a force [N].
+            Ports on which external forces act. Each is an input of the same name [N].
+        places, areas
+            Positions of the contacts [m] and their areas [m2], as for `ContactProblem`. By default the values of the body.
+
+        Returns
+        -------
+        ContactProblem
+            The problem.
         """
         if isinstance(tangent, str):
             raise SceneError(f"Argument `tangent` must be a tuple of words, such as ({tangent!r},), but it is one text.")

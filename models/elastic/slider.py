@@ -16,19 +16,34 @@ from toolbox.modelling import Quantities
 
 @dataclass(frozen=True)
 class ElasticSlider(Component):
-    """Elastic body on a moving plate with contacts in a row, held by a spring and a damper: M q'' + C q' + K q = forces on its ports.
+    """Elastic body on a moving plate, with several friction contacts, held by a spring and a damper: M q'' + C q' + K q = forces on its ports.
 
-    Each contact is a port of the reduced body, `contact.0`, `contact.1`, ...: the mean displacement of a node, a row or a patch along the plate. It sticks
-    and slips on its own under its own normal load, which does not change: loads from statics (`ElasticBody.row_areas` times a pressure, or the normal
-    forces of `toolbox.contacts.press_contacts`). The spring and the damper act on the port `support_port`; the body may have more ports, and modes.
-    Signals: needs `slider.pull` [N] (0) at `support_port` and `plate.speed` [m/s] (0); gives `slider.position` [m] and `slider.speed` [m/s] of
-    `support_port`, `plate.drag` [N], the friction of all contacts on the body, and `plate.stuck` [1], the share of the load on contacts that stick.
-    States: `slider.displacement` z, in which contacts are counted from `support_port`, q_c = z_c + z_held, and `slider.rate` q'. Strains are nanometres
-    where the slider moves by millimetres, so in q round-off of the motion would stand for forces of the body (the energy of a cube on a plate balances to
-    2e-14 in z, to 6e-9 in q). Elements: `plate.i`, contacts in order, with modes "stick" and "slip+/-". The defaults of spring, damper and friction are
-    those of `Slider`. Modes that no port moves are left out. Such a body is stiff: give its material some damping, else its fastest mode rings through the
-    run, and take modes only where the drive moves them: one that a slow drive leaves at the size of round-off asks for short steps all the same. Range:
-    small strain, loads that do not follow the motion, some thirty contacts; for more, and for contacts that open, `toolbox.contacts.step_contacts`.
+    Each contact is a port of the reduced body (`contact.0`, `contact.1`, ...): the mean displacement of a node, a row
+    or a patch along the plate. Each contact sticks and slips independently under its own constant normal load. The
+    loads come from a static analysis: `ElasticBody.row_areas` times a pressure, or the normal forces of
+    `toolbox.contacts.press_contacts`.
+
+    The spring and the damper act on the port `support_port`. Their defaults and the default friction are the same as
+    for `Slider`. The body may have further ports and modes.
+
+    - Needs the signals `slider.pull` [N] (default 0) at `support_port` and `plate.speed` [m/s] (default 0).
+    - Gives the signals `slider.position` [m] and `slider.speed` [m/s] of `support_port`, `plate.drag` [N], the friction
+      of all contacts on the body, and `plate.stuck` [1], the fraction of the load on contacts that stick.
+    - States: `slider.displacement` z and `slider.rate` q'.
+    - Elements: `plate.i`, the contacts in order, with the modes "stick" and "slip+/-".
+
+    In z the contacts are counted from `support_port`: q_c = z_c + z_held. Reason: strains are nanometres while the
+    slider moves by millimetres, so round-off of the motion would appear as forces of the body. The energy balance of a
+    cube on a plate closes to 2e-14 with z and to 6e-9 with q.
+
+    Advice for models of this kind, which are stiff:
+
+    - Give the material some damping. Otherwise the fastest mode rings through the whole run.
+    - Keep only modes that the drive excites. A mode that stays at the size of round-off still needs short time steps.
+      Modes that no port excites are left out automatically.
+
+    Range of validity: small strains, loads that do not depend on the motion, about thirty contacts. For more contacts,
+    or contacts that open, use `toolbox.contacts.step_contacts`.
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})

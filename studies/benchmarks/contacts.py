@@ -51,7 +51,10 @@ def rows(band: float) -> Face:
     ports = {f"x.{i}": row for i, row in enumerate(body.rows("bottom", "x", "x"))} | {"back": body.mean("left", "x")}
     areas = body.row_areas("bottom", "x")
     return Face(
-        "11 rows", body.reduced(ports, band).moved, {"tangent": ("x",), "load": PRESSURE * areas, "pushed": ("back",), "areas": areas}, {}
+        "11 rows",
+        body.reduced(ports, band).moved,
+        {"tangent": ("x",), "load": PRESSURE * areas, "force_ports": ("back",), "contact_areas": areas},
+        {},
     )
 
 
@@ -64,9 +67,9 @@ def nodes(divisions: tuple[int, int, int], band: float) -> Face:
     options = {
         "tangent": ("x", "y"),
         "normal": "z",
-        "pushed": ("back", "top"),
-        "places": body.nodes[face],
-        "areas": body.faces["bottom"][face],
+        "force_ports": ("back", "top"),
+        "contact_positions": body.nodes[face],
+        "contact_areas": body.faces["bottom"][face],
     }
     return Face(f"{len(face)} nodes", body.reduced(ports, band), options, {"top": -PRESSURE * SIDE**2})
 

@@ -129,7 +129,7 @@ def answers(elements: int, along: bool = True, collar: bool = False) -> Answers:
         trusted_band(string, sections),
         next((event.time for event in run.events if event.element == element), math.nan),
         period(run, element, 60 * RPM, SETTLED),
-        measure.severity(run, after=SETTLED),
+        measure.severity(run, "bit.speed", after=SETTLED),
         measure.stuck_ratio(run, element, SETTLED),
         torque.maximum - torque.minimum,
         lowest_free_speed(plant, element),

@@ -199,7 +199,7 @@ def draw_faces(run: ContactRun, times: tuple[float, ...] = (0.08, 0.16, 0.20, 0.
             ax.get_legend().remove()
             ax.set_title(f"{instant:g} s: {run.share()[np.argmin(np.abs(run.time - instant))]:.0%} stick", fontsize=8)
             ax.set(xlabel="", ylabel="y [mm]" if ax is axes[0, 0] else "")
-        for ax, word in zip(axes[1], ("pressure", "traction", "rubbed"), strict=False):
+        for ax, word in zip(axes[1], ("pressure", "traction", "friction_work"), strict=False):
             run.plot_map(times[-1], word, ax)
             ax.set(ylabel="y [mm]" if ax is axes[1, 0] else "")
         axes[1, 3].axis("off")

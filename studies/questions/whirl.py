@@ -97,7 +97,7 @@ def row(run: Trajectory) -> dict[str, float]:
     """Severity and sticking of the bit after the transient; impacts, time and largest force of the wall, and the whirl at the end."""
     wall = measure.contact(run, "wall")
     return {
-        "severity": measure.severity(run, after=SETTLED),
+        "severity": measure.severity(run, "bit.speed", after=SETTLED),
         "stuck": run.time_in("bit", "stick", after=SETTLED),
         "peak": measure.extent(run, "bit.speed").maximum,
         "impacts": wall.impacts,

@@ -199,7 +199,7 @@ def tuned(folder):
     )
     with np.load(folder / "out" / "tune.npz") as data:
         kept = json.loads(str(data["result"]))
-    del kept["fields"]["simulated"]  # how many runs were this call's, and not the journal's
+    del kept["fields"]["simulated_runs"]  # how many runs were this call's, and not the journal's
     texts["tune.npz"] = kept
     return texts
 

@@ -264,6 +264,7 @@ EVERY = {
     "posterior": ["RIG", "--controller", "PI", "--prior", "bit.weight=50kN:110kN", "--measured", "severity=1.9 +- 0.1", "--draws", "32"],
     "fit": ["RIG", "LOG", "--range", "bit.friction.kinetic=0.3:0.7"],
     "estimate": ["RIG", "LOG", "--controller", "PI"],
+    "identify": ["STEADY", "--plant", "Axis"],
     "answer": ["RIG", "--controller", "PI", "--phases", "1", "--duration", "60 s"],
     "setpoints": ["RIG", "--initial-controller", "PI", "--group", "nominal", "--range", "top.reference=120 rpm:140 rpm", "--step", "10 rpm"],
     "tradeoff": ["RIG", "--duration", "2"],
@@ -275,8 +276,8 @@ EVERY = {
     ],
 }  # fmt: skip
 
-SCENES = {"compare": {"first.toml", "second.toml"}}
-"""{command: its scenes, where they are more than one}."""
+SCENES = {"compare": {"first.toml", "second.toml"}, "identify": set()}
+"""{command: its scenes, if they are not one}."""
 
 
 def verb_of(name):
@@ -351,6 +352,9 @@ def inputs(tmp_path_factory):
         rows = np.column_stack([times, *(np.interp(times, data["time"], data[name]) for name in names)])
     heads = ",".join(["time [s]", *(f"{name} [{unit}]" for name, unit in names.items())])
     np.savetxt(folder / "log.csv", rows, delimiter=",", header=heads, comments="")
+    speed = np.linspace(0.005, 0.6, 21)
+    rows = np.column_stack([speed, 5.0 + 15.0 * np.exp(-((speed / 0.07) ** 2)) + 35.0 * speed])
+    np.savetxt(folder / "steady.csv", rows, delimiter=",", header="axis.speed [m/s],axis.force [N]", comments="")
     return folder
 
 
@@ -362,6 +366,7 @@ def test_every_command_that_writes_a_folder_has_its_report_and_writes_the_same_a
     places = {
         "RIG": scene,
         "LOG": str(inputs / "log.csv"),
+        "STEADY": str(inputs / "steady.csv"),
         "OTHER": str(inputs / "other.toml"),
         "WELL": str(root / "studies/scenes/deepening_well.toml"),
         "INCLINED": str(root / "studies/scenes/aarsnes_shor.toml"),

@@ -41,12 +41,14 @@ def test_a_map_shows_every_contact_in_its_mode(run):
     ax = run.plot_map()  # at the end
     drawn = {collection.get_label(): len(collection.get_offsets()) for collection in ax.collections}
     assert drawn == {
-        word: int((run.modes[-1] == code).sum()) for code, word in enumerate(("stick", "slip", "open")) if (run.modes[-1] == code).any()
+        word: int((run.contact_modes[-1] == code).sum())
+        for code, word in enumerate(("stick", "slip", "open"))
+        if (run.contact_modes[-1] == code).any()
     }
     assert drawn["open"] == 3
 
 
-@pytest.mark.parametrize(("values", "factor"), [("pressure", 1e-6), ("traction", 1e-6), ("rubbed", 1e9)])
+@pytest.mark.parametrize(("values", "factor"), [("pressure", 1e-6), ("traction", 1e-6), ("friction_work", 1e9)])
 def test_fields_are_drawn_in_the_unit_that_their_bar_says(run, values, factor):
     ax = run.plot_map(run.end, values)
     np.testing.assert_allclose(ax.collections[0].get_array(), factor * getattr(run, values)[-1])
@@ -60,16 +62,16 @@ def test_the_figure_of_a_run_shows_shares_the_face_at_four_instants_and_its_fiel
     instants = [line.get_xdata()[0] for line in axes[0].get_lines() if len(line.get_xdata()) == 2]
     shown = [float(ax.get_title().partition(" s")[0]) for ax in axes[2:6]]
     np.testing.assert_allclose(instants, shown, rtol=1e-3)
-    changes = np.diff(run.modes, axis=0).astype(bool).sum(axis=1).cumsum()
+    changes = np.diff(run.contact_modes, axis=0).astype(bool).sum(axis=1).cumsum()
     for part, instant in zip((0.2, 0.4, 0.6, 0.8), instants, strict=True):
         assert changes[np.flatnonzero(run.time[1:] < instant - 1e-9)].max(initial=0) < part * changes[-1]
-    np.testing.assert_allclose(axes[8].collections[0].get_array(), 1e9 * run.rubbed[-1])
+    np.testing.assert_allclose(axes[8].collections[0].get_array(), 1e9 * run.friction_work[-1])
     assert {text.get_text() for text in axes[9].get_legend().get_texts()} >= {"slip", "open"}
     assert all(ax.title.get_fontsize() <= ax.xaxis.label.get_fontsize() for ax in axes if ax.get_title())
 
 
 def test_the_figure_of_a_run_without_places_shows_shares_and_forces(run):
-    bare = dataclasses.replace(run, problem=dataclasses.replace(run.problem, places=None))
+    bare = dataclasses.replace(run, problem=dataclasses.replace(run.problem, contact_positions=None))
     shares, forces = bare.plot()
     assert shares.get_ylabel() == "share of the area [1]" and forces.get_ylabel() == "sum of forces [N]"
     drawn = {line.get_label(): line.get_ydata() for line in forces.get_lines()}
@@ -79,7 +81,7 @@ def test_the_figure_of_a_run_without_places_shows_shares_and_forces(run):
 
 
 def test_a_face_whose_contacts_never_change_is_shown_at_even_instants(run):
-    still = dataclasses.replace(run, modes=0 * run.modes)
+    still = dataclasses.replace(run, contact_modes=0 * run.contact_modes)
     assert [ax.get_title() for ax in still.plot()[2:6]] == [f"{instant:.4g} s: 100% stick" for instant in (0.024, 0.05, 0.076, 0.1)]
 
 
@@ -109,7 +111,7 @@ def test_what_cannot_be_shown_is_refused(run, ask, words):
 def test_a_face_without_places_has_no_map(run):
     from dataclasses import replace
 
-    bare = replace(run, problem=replace(run.problem, places=None))
+    bare = replace(run, problem=replace(run.problem, contact_positions=None))
     for ask in (lambda: bare.plot_map(0.05), lambda: bare.animate("face.gif")):
-        with pytest.raises(SceneError, match="places"):
+        with pytest.raises(SceneError, match="contact_positions"):
             ask()

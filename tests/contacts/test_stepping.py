@@ -378,10 +378,10 @@ def test_impacts_take_what_falls_and_the_stepping_only_what_falls_with_the_step(
         ({"friction": 0.3}, "friction law"),
         ({"friction": Drop()}, "without breaks"),
         ({"friction": Coulomb(0.2, 0.3)}, "kinetic"),
-        ({"forces": {"pull": [1.0, 2.0]}}, "pull"),
-        ({"places": [[0.0], [1.0]]}, "places"),
-        ({"areas": [-1.0]}, ">= 0"),
-        ({"areas": [0.0]}, "`areas` must be > 0 for one contact"),
+        ({"force_inputs": {"pull": [1.0, 2.0]}}, "pull"),
+        ({"contact_positions": [[0.0], [1.0]]}, "contact_positions"),
+        ({"contact_areas": [-1.0]}, ">= 0"),
+        ({"contact_areas": [0.0]}, "`contact_areas` must be > 0 for one contact"),
         ({"mass": [[-1.0]]}, "`mass` must not be negative along any motion"),
     ],
 )
@@ -433,7 +433,7 @@ def test_a_begin_of_another_body_is_refused():
 
 
 def test_contacts_that_move_nothing_or_together_are_refused():
-    twice = {"tangent": np.ones((2, 1, 1)), "load": [1.0, 1.0], "forces": {}, "surface": {}}
+    twice = {"tangent": np.ones((2, 1, 1)), "load": [1.0, 1.0], "force_inputs": {}, "surface_velocity": {}}
     for changes in (twice, {"tangent": np.zeros((1, 1, 1))}):
         with pytest.raises(SceneError, match="`tangent`"):
             step_contacts(block(**changes), 1.0, step=0.1)

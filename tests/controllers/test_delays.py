@@ -111,7 +111,7 @@ def test_a_step_of_the_set_point_asks_for_no_more_than_the_reaching_rate():
         RIG, 6.0, controller=law, sample_time=0.01, start=start, inputs={"top.reference": ((0.0, 5.0, 5.0, 6.0), (8.0, 8.0, 9.0, 9.0))}
     )
     torque = run.at(np.arange(490, 510) * 0.01 + 0.005)["top.torque"]
-    assert np.abs(np.diff(torque)).max() < 2.5 * 2122.0 * law.reaching
+    assert np.abs(np.diff(torque)).max() < 2.5 * 2122.0 * law.reaching_rate
 
 
 def test_samples_that_no_memory_holds_are_refused():

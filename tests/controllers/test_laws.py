@@ -337,7 +337,7 @@ def test_with_a_rock_of_constant_torque_the_poles_under_lqg_are_those_of_regulat
     regulator = poles(wells.JANSEN_2, rock, law.law, at={"chain.speed": (3.0, 3.0)}, mode={"bit": "slip+"})
     n = len(law.observer.gain)
     stacked = np.zeros((n + 4, n))
-    stacked.flat[list(law.observer.places)] = law.observer.model
+    stacked.flat[list(law.observer.model_indices)] = law.observer.model
     A, C = stacked[:n], stacked[n + 1]
     expected = np.concatenate([regulator, np.linalg.eigvals(A - np.outer(law.observer.gain, C))])
     found = poles(wells.JANSEN_2, rock, law, at={"chain.speed": (3.0, 3.0)}, mode={"bit": "slip+"})
@@ -347,9 +347,9 @@ def test_with_a_rock_of_constant_torque_the_poles_under_lqg_are_those_of_regulat
 def test_h_infinity_keeps_the_norm_it_names_at_every_frequency_and_no_law_can_keep_much_less():
     law = HInfinity(reference=4.0).design(RIG)
     model, _, _, A = drilling_point(RIG, 4.0)
-    n, many = law.order, len(law.places)
-    A_K, (B_K, C_K, _) = np.zeros((n, n)), np.array(law.matrices[many:]).reshape(3, n)
-    A_K.flat[list(law.places)] = law.matrices[:many]
+    n, many = law.order, len(law.matrix_indices)
+    A_K, (B_K, C_K, _) = np.zeros((n, n)), np.array(law.controller_matrices[many:]).reshape(3, n)
+    A_K.flat[list(law.matrix_indices)] = law.controller_matrices[:many]
     worst = 0.0
     for om in np.geomspace(1e-3, 100.0, 400):
         K = C_K @ np.linalg.solve(1j * om * np.eye(n) - A_K, B_K)
@@ -405,7 +405,7 @@ def _without_integral(law):
 
 def test_inside_its_boundary_layer_s_stays():
     for width in (0.2, 0.05):
-        _, surface, _ = chatter.held(replace(chatter.laws()["explicit"], width=width), 0.01)
+        _, surface, _ = chatter.held(replace(chatter.laws()["explicit"], boundary_layer=width), 0.01)
         assert np.abs(surface).max() < width
 
 
@@ -439,7 +439,7 @@ def test_super_twisting_on_the_impedance_surface_makes_the_drive_a_matched_end()
                    inputs={"bit.weight": sine(97_347.0, 5000.0, 0.3)})  # fmt: skip
     late = run.at(np.arange(20.0, 40.0, 0.05))
     assert np.abs(late["slidingmode.surface"]).max() < 0.02
-    expected = -law.impedance * (late["top.speed"] - 8.0 + law.surface * late["slidingmode.angle"])
+    expected = -law.impedance * (late["top.speed"] - 8.0 + law.surface_gain * late["slidingmode.angle"])
     np.testing.assert_allclose(late["top.load"], expected, atol=0.03 * law.impedance)
     assert np.ptp(late["top.load"]) > 300.0
 

@@ -23,7 +23,7 @@ from toolbox.simulation import EventExact
 WEIGHT = 97_347.0
 RIG = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
-STATES = {"sensors": ("top.speed", "bit.speed", "chain.twist.0"), "noise": (1e-3, 1e-3, 1e-3)}
+STATES = {"sensors": ("top.speed", "bit.speed", "chain.twist.0"), "sensor_noise": (1e-3, 1e-3, 1e-3)}
 HEAVIER = {"bit.weight": 1.1 * WEIGHT}
 
 
@@ -580,8 +580,10 @@ def test_a_python_law_is_given_the_inputs_that_it_asks_for_behind_what_it_measur
 def test_a_scene_tells_a_law_what_it_knows_apart_from_what_is_so(tmp_path, root):
     scene = Scene.load(root / "studies" / "scenes" / "predictive.toml")
     case = scene.case("linear MPC")
-    assert (case.law.delay, case.law.noise, case.delay, case.noise) == (0.03, (0.01,), 0.03, {"top.speed": 0.01})
-    other = dataclasses.replace(scene, cases=(dataclasses.replace(case, delay=0.05, law=dataclasses.replace(case.law, noise=(0.02,))),))
+    assert (case.law.delay, case.law.sensor_noise, case.delay, case.noise) == (0.03, (0.01,), 0.03, {"top.speed": 0.01})
+    other = dataclasses.replace(
+        scene, cases=(dataclasses.replace(case, delay=0.05, law=dataclasses.replace(case.law, sensor_noise=(0.02,))),)
+    )
     assert Scene.load(other.save(tmp_path / "other.toml")) == other
     text = (root / "studies" / "scenes" / "predictive.toml").read_text()
     (tmp_path / "wrong.toml").write_text(text.replace('law = "LinearMPC", ', 'law = "LinearMPC", delay_samples = 3, '))
@@ -620,7 +622,7 @@ def test_designed_laws_copy_and_pickle_with_their_memory(law):
 def test_bad_arguments_are_named():
     for wrong, words in (
         ({"horizon": 0}, "horizon"),
-        ({"noise": (0.1, 0.1)}, "noise"),
+        ({"sensor_noise": (0.1, 0.1)}, "sensor_noise"),
         ({"delay": -0.1}, "delay"),
         ({"solver": "best"}, "solver"),
         ({"period": -1.0}, "period"),

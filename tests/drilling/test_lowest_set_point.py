@@ -39,7 +39,7 @@ def found(tmp_path_factory):
 def test_the_border_is_that_of_runs_of_ones_own(found):
     held = found[0]["SoftTorque", "nominal"]
     trial = Trial(LOOP, StiffPI())
-    for speed, ends in ((held.speed, True), (held.speed - 4 * np.pi / 30, False)):
+    for speed, ends in ((held.lowest_set_point, True), (held.lowest_set_point - 4 * np.pi / 30, False)):
         stuck = []
         for phase in BRIEF.takeover_phases:
             at = trial.takeover(speed, phase)
@@ -48,17 +48,22 @@ def test_the_border_is_that_of_runs_of_ones_own(found):
             assert run.time_in("bit", "stick", until=at) > 1.0  # there is something to be ended
             stuck.append(run.time_in("bit", "stick", after=120.0))
         assert (max(stuck) == 0.0) == ends
-    assert held.margin == held.disk_margin_nominal > 0.0 and held.recovery > 0.0 and held.fastest > held.speed and np.isnan(held.lifts)
+    assert (
+        held.disk_margin == held.disk_margin_nominal > 0.0
+        and held.recovery_time > 0.0
+        and held.max_bit_speed > held.lowest_set_point
+        and np.isnan(held.max_lifts)
+    )
 
 
 def test_the_table_tells_what_was_asked_in_the_units_typed_and_survives_a_file(found, tmp_path):
     result, _, _ = found
     text = str(result)
     assert text.startswith("Lowest set-points at which a law ends the stick-slip under StiffPI (62 to 110 rpm, steps of 4 rpm)")
-    assert "lowest [rpm]" in text and f"{result['SoftTorque', 'nominal'].speed * 30 / np.pi:.3g}" in text
+    assert "lowest [rpm]" in text and f"{result['SoftTorque', 'nominal'].lowest_set_point * 30 / np.pi:.3g}" in text
     assert repr(LowestSetPoints.load(result.save(tmp_path / "found.npz"))) == repr(result)
     lines = result.save(tmp_path / "found.csv").read_text().splitlines()
-    assert lines[0].startswith("controller,group,protocol,speed,why") and lines[1].startswith("SoftTorque,nominal,takeover,")
+    assert lines[0].startswith("controller,group,protocol,lowest_set_point,why") and lines[1].startswith("SoftTorque,nominal,takeover,")
     with pytest.raises(SceneError, match="nominal"):
         result["SoftTorque", "declard"]
     assert result.plot().get_xlabel().startswith("lowest set-point [rpm]")
@@ -261,11 +266,11 @@ def test_a_lift_that_comes_again_is_no_success_for_half_an_hour():
 def test_a_group_may_want_a_disk_margin_and_its_border_is_raised_until_there_is_one(found):
     held, path = found[0]["SoftTorque", "nominal"], found[1]
     step = 4 * np.pi / 30
-    raised = dataclasses.replace(BRIEF, min_disk_margin=held.margin + 1e-6)
+    raised = dataclasses.replace(BRIEF, min_disk_margin=held.disk_margin + 1e-6)
     search = {"protocols": ["takeover"], "bounds": ("62 rpm", "110 rpm"), "step": "4 rpm", "checkpoint": path}
     more = lowest_set_point(LOOP, StiffPI(), [raised], **search)["SoftTorque", "nominal"]
-    assert more.lowest_set_point == pytest.approx(held.speed + step) and more.disk_margin > held.margin
-    assert more.why == f"nominal: disk margin {held.margin:.3f}"
+    assert more.lowest_set_point == pytest.approx(held.lowest_set_point + step) and more.disk_margin > held.disk_margin
+    assert more.why == f"nominal: disk margin {held.disk_margin:.3f}"
     none = lowest_set_point(LOOP, StiffPI(), [dataclasses.replace(BRIEF, min_disk_margin=1.9)], **search)["SoftTorque", "nominal"]
     assert np.isnan(none.lowest_set_point) and "disk margin" in none.why
 

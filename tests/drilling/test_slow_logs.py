@@ -107,8 +107,8 @@ def test_the_margin_is_called_by_its_name_and_blank_while_it_sticks():
     found = estimate(scene("exact"), log, members=16)
     assert "margin to the loss of smooth running" in str(found)
     assert (
-        np.isnan(found.mean["margin"][found.stick_slip]).all()
-        and np.isfinite(found.mean["margin"][(found.time > 60.0) & ~found.stick_slip]).any()
+        np.isnan(found.mean["onset_margin"][found.stick_slip]).all()
+        and np.isfinite(found.mean["onset_margin"][(found.time > 60.0) & ~found.stick_slip]).any()
     )
 
 

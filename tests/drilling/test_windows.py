@@ -44,12 +44,14 @@ def test_the_window_of_a_depth_is_between_the_borders_that_onset_finds(found):
 def test_margins_are_those_of_the_working_point(found):
     point = 110 * math.pi / 30
     for i, depth in enumerate(found.depths):
-        assert found.at[i] == pytest.approx([point, 90e3])
-        np.testing.assert_allclose(found.margin[i], [(point - found.smooth[i, 1]) / point, (point - found.free[i, 1]) / point])
+        assert found.operating_points[i] == pytest.approx([point, 90e3])
+        np.testing.assert_allclose(
+            found.onset_margins[i], [(point - found.smooth_from[i, 1]) / point, (point - found.free_from[i, 1]) / point]
+        )
         loop = closed_loop(well(depth), LAW)
         assert found.disk_margin[i] == margins(loop, measured=False).disk_margin
         for part, stable in ((1.01, True), (0.97, False)):
-            assert margins(loop.at("top.reference", float(found.smooth[i, 1]) * part), measured=False).stable is stable
+            assert margins(loop.at("top.reference", float(found.smooth_from[i, 1]) * part), measured=False).stable is stable
 
 
 def test_a_range_that_is_free_and_one_without_a_window_are_told():
@@ -64,13 +66,13 @@ def test_a_range_that_is_free_and_one_without_a_window_are_told():
 def test_the_table_the_file_and_the_picture_hold_the_same(found, tmp_path):
     rows = list(csv.DictReader(found.to_csv(tmp_path / "windows.csv").read_text().splitlines()))
     assert [float(row["depth [m]"]) for row in rows] == [1000.0, 1000.0, 2000.0, 2000.0]
-    np.testing.assert_allclose([float(row["free from top.reference [rad/s]"]) for row in rows], found.free.ravel())
+    np.testing.assert_allclose([float(row["free from top.reference [rad/s]"]) for row in rows], found.free_from.ravel())
     text = str(found)
-    assert "top.reference [rpm]" in text and "depth [km]" in text and f"{found.free[0, 1] * 30 / math.pi:.4g}" in text
-    assert [found.lowest, found.highest] == pytest.approx([math.pi, 140 * math.pi / 30]) and "between 30 and 140 rpm" in text
+    assert "top.reference [rpm]" in text and "depth [km]" in text and f"{found.free_from[0, 1] * 30 / math.pi:.4g}" in text
+    assert [found.first_low, found.first_high] == pytest.approx([math.pi, 140 * math.pi / 30]) and "between 30 and 140 rpm" in text
     axes = found.plot()
-    assert len(axes) == 2 and axes[1].lines[1].get_xdata() == pytest.approx(found.free[1] * 30 / math.pi)
-    assert [each.axes[0].size for each in found.maps] == [9, 9]
+    assert len(axes) == 2 and axes[1].lines[1].get_xdata() == pytest.approx(found.free_from[1] * 30 / math.pi)
+    assert [each.axes[0].size for each in found.severity_maps] == [9, 9]
 
 
 def test_the_legend_fits_on_a_figure_as_wide_as_the_text_of_a_page(found):
@@ -105,7 +107,7 @@ def test_a_point_of_the_map_that_nothing_decides_does_not_hide_the_border_beside
 def test_mistakes_are_told():
     with pytest.raises(SceneError, match="at least one depth"):
         windows(well, [], LAW, OVER)
-    with pytest.raises(SceneError, match="`along` must be"):
+    with pytest.raises(SceneError, match="`second_values` must be"):
         windows(well, [2000.0], SoftTorque(reference=13.0), {**OVER, "top.reference": (12.0, 14.0)}, second_values=("7 kN",), shape=(2, 2))
     with pytest.raises(SceneError, match="or a loop without laws, but at 2000 m"):
         windows(lambda depth: closed_loop(well(depth), LAW), [2000.0], LAW, OVER)

@@ -97,7 +97,7 @@ def test_a_run_is_reported_and_drawn_in_the_units_of_its_inputs_parameters_and_l
     assert simulate(RIG, 5.0, inputs={"top.torque": (["0 min", "1 s"], ["1 klbf ft", "2 klbf ft"])}).display_units == {"N m": "klbf ft"}
     saved = Trajectory.load(law.save(tmp_path / "run.npz"))
     assert line(str(saved), "top.reference") == line(str(law), "top.reference")
-    found = compare(run, saved, signals=["bit.speed", "bit.torque"], labels=("constant", "law"))
+    found = compare(run, saved, signals=["bit.speed", "bit.torque"], labels=("constant", "soft torque"))
     assert found["bit.speed, maximum"].second == pytest.approx(law["bit.speed"].max(), rel=1e-3)
     assert "rpm" in str(found) and "kN m" in str(found) and "rad/s" not in str(found)
     with units("si"):

@@ -332,7 +332,7 @@ def test_the_table_of_a_recording_is_read_as_a_log(tmp_path):
 
 def test_a_function_of_the_users_own_is_refused(tmp_path):
     with pytest.raises(SceneError, match=r"cannot be saved: a file holds one of builtins.max"):
-        dataclasses.replace(of_tuning(), over=lambda values: values[0]).save(tmp_path / "tuned.npz")
+        dataclasses.replace(of_tuning(), aggregate=lambda values: values[0]).save(tmp_path / "tuned.npz")
     assert not list(tmp_path.iterdir())
 
 
@@ -345,7 +345,7 @@ def test_a_run_of_many_contacts_is_read_as_it_was_written(tmp_path):
     )  # fmt: skip
     run = step_contacts(problem, 5.0, step=0.01, inputs={"push": 4.0})
     again = ContactRun.load(run.save(tmp_path / "run.npz"))
-    for name in ("time", "coordinates", "rates", "modes", "normal", "tangential", "slip", "rubbed", "passes"):
+    for name in ("time", "coordinates", "rates", "contact_modes", "normal", "tangential", "slip", "friction_work", "newton_iterations"):
         assert same(getattr(run, name), getattr(again, name)), name
     assert same(run["front.speed"], again["front.speed"]) and same(run.pressure, again.pressure)
     assert again.problem.friction == problem.friction and run.audit() == again.audit() and str(again) == str(run)

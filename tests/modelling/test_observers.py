@@ -28,7 +28,7 @@ def stack(observer):
     """A, B', and the rows of top speed, bit speed and top load."""
     n = len(observer.gain)
     found = np.zeros((n + 4, n))
-    found.flat[list(observer.places)] = observer.model
+    found.flat[list(observer.model_indices)] = observer.model
     return found
 
 

@@ -34,7 +34,7 @@ def test_a_field_holds_its_number_in_si_whatever_text_it_was_given_as():
 def test_a_friction_law_takes_the_slip_of_a_turning_contact_and_of_a_straight_one():
     assert Exponential(decay="0.9 s/rad") == Exponential(decay="0.9 s/m") == Exponential(decay=0.9)
     assert GaussianStribeck(stribeck_speed="12 rpm").stribeck_speed == pytest.approx(12 * RPM, rel=1e-15)
-    with pytest.raises(SceneError, match=r"`GaussianStribeck.speed` must be in .*but `3 N` is in N"):
+    with pytest.raises(SceneError, match=r"`GaussianStribeck.stribeck_speed` must be in .*but `3 N` is in N"):
         GaussianStribeck(stribeck_speed="3 N")
 
 

@@ -94,7 +94,7 @@ def test_a_collar_balanced_in_the_middle_of_its_hole_leaves_the_string_as_it_was
 
 
 def test_a_collar_that_cannot_be_built_or_connected_is_refused_by_name():
-    with pytest.raises(SceneError, match="`chain.collar` must be an integer >= -2 and <= 1"):
+    with pytest.raises(SceneError, match="`chain.collar_index` must be an integer >= -2 and <= 1"):
         compose(dataclasses.replace(STRING, collar_index=2))
     with pytest.raises(SceneError, match="`inner_diameter`, `outer_diameter` and `hole_diameter` must increase"):
         compose(FLYWHEEL, dataclasses.replace(COLLAR, hole_diameter=0.17))

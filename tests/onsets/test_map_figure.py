@@ -68,9 +68,9 @@ def test_no_place_outside_of_the_border_is_shaded_and_every_place_inside_is():
     rng = np.random.default_rng(1)
     places = np.column_stack([rng.uniform(3.0, 14.0, 2000), rng.uniform(50.0, 110.0, 2000)])
     for ax, inside in zip(axes, (below(1.5e-5, 4.2), below(9e-5, 10.0)), strict=True):
-        (mesh,) = [each for each in ax.collections if isinstance(each, QuadMesh)]
-        path = mesh.get_clip_path().get_fully_transformed_path()
-        shaded = path.contains_points(ax.transData.transform(places))
+        meshes = [each for each in ax.collections if isinstance(each, QuadMesh)]
+        paths = [mesh.get_clip_path().get_fully_transformed_path() for mesh in meshes]
+        shaded = np.any([path.contains_points(ax.transData.transform(places)) for path in paths], axis=0)
         np.testing.assert_array_equal(shaded, inside(places * [1.0, 1e3]))
     axes[0].figure.canvas.draw()
 

@@ -22,7 +22,7 @@ def found():
 
 
 def test_a_machine_is_free_at_its_border_and_sticks_below_it(found):
-    loop, border = closed_loop(RIG, StiffPI()), found.borders["stiff PI"]
+    loop, border = closed_loop(RIG, StiffPI()), found.onset_values["stiff PI"]
     inside = np.flatnonzero(np.isfinite(border))[:3]
     for k in inside.tolist():
         each = loop
@@ -31,12 +31,12 @@ def test_a_machine_is_free_at_its_border_and_sticks_below_it(found):
         near = [border[k] - found.tolerance, border[k]]
         told = chance(each, {"top.reference": near}, {"chain.bit_drag": "50 +- 0.001"}, draws=1).chances["as it is"]
         assert told.tolist() == [1.0, 0.0]
-        assert found.smooth["stiff PI"][k] == pytest.approx(hopf_points(each, "top.reference", BETWEEN)[-1].value, rel=1e-6)
+        assert found.smooth_running_limits["stiff PI"][k] == pytest.approx(hopf_points(each, "top.reference", BETWEEN)[-1].value, rel=1e-6)
 
 
 def test_the_lowest_set_point_is_passed_by_as_few_machines_as_the_bound_allows(found):
     lowest = found.lowest(0.9)
-    for label, borders in found.borders.items():
+    for label, borders in found.onset_values.items():
         assert (
             (borders > lowest[label]).sum() <= 2 < (borders >= lowest[label]).sum()
         )  # of 80 draws two: the bound is 0.0874, with three 0.1057

@@ -104,7 +104,7 @@ def test_draws_of_a_posterior_are_what_a_chance_takes(loop, found):
 
 def test_a_posterior_goes_to_a_file_and_comes_back(found, tmp_path):
     again = Posterior.load(found.save(tmp_path / "posterior.npz"))
-    assert str(again) == str(found) and np.array_equal(again.samples, found.points)
+    assert str(again) == str(found) and np.array_equal(again.samples, found.samples)
 
 
 def test_arviz_can_read_the_draws(found):

@@ -31,8 +31,8 @@ part = "ElasticFace"
 body = "feet.npz"
 tangent = ["x"]
 normal = "z"
-pushed = ["top"]
-held = "back"
+force_ports = ["top"]
+support_port = "back"
 stiffness = "0.1 N/mm"
 friction = { law = "Coulomb", static = 0.4, kinetic = 0.3 }
 
@@ -76,7 +76,7 @@ def written(tmp_path):
 
 
 def equal(one, other):
-    for word in ("time", "coordinates", "rates", "modes", "normal", "tangential", "slip", "rubbed"):
+    for word in ("time", "coordinates", "rates", "contact_modes", "normal", "tangential", "slip", "friction_work"):
         assert np.array_equal(getattr(one, word), getattr(other, word)), word
 
 
@@ -124,7 +124,7 @@ class MySlidingBlock(ContactBody):
 
     def problem(self):
         one = np.eye(1)
-        return ContactProblem(self.mass * one, 0 * one, one[None], self.friction, load=[self.load], forces={"block.force": [1.0]}, outputs={"block": [1.0]})
+        return ContactProblem(self.mass * one, 0 * one, one[None], self.friction, load=[self.load], force_inputs={"block.force": [1.0]}, outputs={"block": [1.0]})
 """
 
 
@@ -223,7 +223,7 @@ def test_what_is_wrong_with_a_law_or_its_body_is_said_before_anything_runs(root,
 def test_the_file_of_the_published_cube_is_the_body_of_the_study(root):
     made, kept = study.face_body(), ReducedBody.load(root / "studies" / "scenes" / "elastic_face.npz")
     assert made.ports == kept.ports and np.array_equal(made.contact_positions, kept.contact_positions)
-    for word in ("mass", "stiffness", "areas"):
+    for word in ("mass", "stiffness", "contact_areas"):
         assert getattr(made, word) == pytest.approx(getattr(kept, word), rel=1e-6, abs=1e-9 * np.abs(getattr(kept, word)).max()), word
 
 
@@ -243,9 +243,9 @@ def test_the_command_writes_report_figure_and_data_that_agree_with_the_run(writt
     assert lines[1] in printed and lines[2] in printed and lines[3] in printed
     assert (out / "simulate.txt").read_text().startswith("Simulation of Block of two feet\n\nlight\n100 steps to 1 s, 2 contacts")
     with np.load(out / "02_heavy.npz", allow_pickle=False) as data:
-        for word in ("time", "modes", "normal", "tangential", "slip", "rubbed"):
+        for word in ("time", "contact_modes", "normal", "tangential", "slip", "friction_work"):
             assert np.array_equal(data[word], getattr(run, word))
-        assert np.array_equal(data["places"], feet().places) and np.array_equal(data["areas"], feet().areas)
+        assert np.array_equal(data["contact_positions"], feet().contact_positions) and np.array_equal(data["contact_areas"], feet().contact_areas)
         assert np.array_equal(data["output.back.speed"], run["back.speed"]) and np.array_equal(data["energy.elastic"], run.energy.elastic)
     with (out / "02_heavy.csv").open(newline="") as file:
         headings, *rows = csv.reader(file)
@@ -276,8 +276,8 @@ def test_the_command_writes_report_figure_and_data_that_agree_with_the_run(writt
         ('body = "feet.npz"', "body = 3", "`ElasticFace.body`: it must be the path of a file, or a table"),
         ('normal = "z"', 'loads = ["1 N"]', "Argument `load` must be finite numbers >= 0 of the shape (2,)"),
         ('normal = "z"', 'loads = ["1 N", "-1 N"]', "`loads` of elasticface must be >= 0"),
-        ('held = "back"', "", "must come with `held`"),
-        ('held = "back"', 'held = "bak"', "There is no port `bak`: did you mean `back`"),
+        ('support_port = "back"', "", "must come with `support_port`"),
+        ('support_port = "back"', 'support_port = "bak"', "There is no port `bak`: did you mean `back`"),
         ('"0.1 N/mm"', '"0.1 N"', "`ElasticFace.stiffness` must be in N/m"),
         ('"feet.npz"', '"foot.npz"', "did you mean `feet.npz`"),
         ('part = "ElasticFace"', 'part = "ElasticFac"', "did you mean `ElasticFace`"),

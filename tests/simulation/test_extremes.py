@@ -340,7 +340,7 @@ def test_a_number_of_an_observer_that_is_none_is_refused_by_its_name(observer):
     [
         (LQR(top_speed_scale=1e-300), "LQR cannot be designed"),
         (HInfinity(speed_noise=1e-300), "HInfinity"),
-        (HInfinity(norm_factor=1.0), "`margin` of HInfinity must be > 1"),
+        (HInfinity(norm_factor=1.0), "`norm_factor` of HInfinity must be > 1"),
         (LinearMPC(delay=1e9), "`delay` must be at most 1000 periods"),
         (NonlinearMPC(delay=1e9), "`delay` must be at most 1000 periods"),
         (LinearMPC(sensors=3), "`sensors` of LinearMPC must be a row of strings"),  # type: ignore[arg-type]
@@ -390,7 +390,7 @@ VERBS = {
         (*NO_NUMBERS, 0.0),
     ),
     "severity after": (lambda bad: toolbox.measure.severity(RUN, "block.speed", bad), "after", NO_NUMBERS),
-    "severity signal": (lambda bad: toolbox.measure.severity(RUN, bad), "signal", NO_NAMES),
+    "severity signal": (lambda bad: toolbox.measure.severity(RUN, bad), "signal", (math.nan, 5, (math.nan,), object())),
     "severity definition": (lambda bad: toolbox.measure.severity(RUN, "block.speed", definition=bad), "definition", NO_NAMES),
     "settling target": (lambda bad: toolbox.measure.settling(RUN, "block.speed", bad), "target", NO_NUMBERS),
     "overshoot of": (lambda bad: toolbox.measure.overshoot(bad, "block.speed", 1.0), "run", (*NO_NAMES, BELT)),

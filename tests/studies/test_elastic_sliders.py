@@ -46,8 +46,8 @@ def test_a_coarse_face_lets_go_before_the_rigid_slider_and_carries_its_load_then
 
 
 def test_slip_grows_from_the_edges_of_the_face(coarse):
-    first = np.array([coarse.time[np.flatnonzero(coarse.modes[5:, i] != 0)[0] + 5] for i in range(36)])
-    x, y = coarse.problem.places[:, 0], coarse.problem.places[:, 1]
+    first = np.array([coarse.time[np.flatnonzero(coarse.contact_modes[5:, i] != 0)[0] + 5] for i in range(36)])
+    x, y = coarse.problem.contact_positions[:, 0], coarse.problem.contact_positions[:, 1]
     middle = (np.abs(x - 0.005) < 0.002) & (np.abs(y - 0.005) < 0.002)
     assert first[x < 1e-9].max() < first[middle].min()
 

@@ -449,7 +449,7 @@ def test_the_same_seed_gives_the_same_search_and_another_one_another():
         ({"ranges": {"bit.weight": (0.0, 1.0)}}, "numbers of the law that is tuned, but `bit.weight` is none"),
         ({"ranges": {"torque": (1.0, math.nan)}}, "low < high"),
         ({"ranges": {"name": (0.0, 1.0)}}, "no number `name`"),
-        ({"over": 3}, "`over` must be"),
+        ({"aggregate": 3}, "`aggregate` must be"),
         ({"runs": 3}, "`runs` must be"),
         ({"seed": -1}, "`seed` must be"),
         ({"objective": lambda run: run["no.signal"][0]}, "no.signal"),

@@ -44,7 +44,7 @@ EXPERIMENTS = {
     "static": "raise the force slowly from rest until it moves, several times each way",
     "kinetic": "move at steady speeds over the whole range",
     "viscous": "move at steady speeds that differ by a factor of five or more",
-    "speed": "move at slow steady speeds, from creep to three times the speed at which friction is least",
+    "stribeck_speed": "move at slow steady speeds, from creep to three times the speed at which friction is least",
     "offset": "move both ways, by the same path",
     "mass": "accelerate by a measured force: steps, or a sine of the largest force",
     "inertia": "accelerate by a measured torque: steps, or a sine of the largest torque",
@@ -109,42 +109,45 @@ def identify(
     keep: Sequence[str] = (),
     confidence: float = 0.95,
 ) -> Identification:
-    """Identify the friction and the mass of an axis or a joint from recordings, with intervals and the friction curve.
+    """Identify friction and mass of an axis or a joint from recordings, with confidence intervals and the friction curve.
 
     Parameters
     ----------
     data
-        A recording or several, each as `Recording.of` reads it: paths of logs, mappings, tables. They are fitted together. A
-        table without times holds steady points, speed and force.
+        One or several recordings, each in a form that `Recording.of` reads: a path of a log, a mapping, a table.
+        Several recordings are fitted together. A table without times is read as steady points of speed and force.
     plant
-        "Axis" (m, N) or "Joint" (rad, N m) of `models`, or such a part with numbers of its own, where the search begins.
+        "Axis" (m, N) or "Joint" (rad, N m) of `models`, or such a part with other numbers, at which the search begins.
     columns
-        {signal: column}, such as {"time": "t", "axis.position": "pos [mm]", "axis.force": "F [N]"}, of all recordings. A column
-        that a recording does not have is left out. By default columns have the names of signals.
+        {signal: column} for all recordings, such as {"time": "t", "axis.position": "pos [mm]", "axis.force": "F [N]"}.
+        A column that a recording does not have is left out. By default columns have the names of signals.
     known
-        Numbers of the part that are known and stay, such as "axis.mass".
+        Names of numbers of the part that are known and stay constant, such as "axis.mass".
     shifts
-        Signals whose clock may be off, such as "axis.force": how much later each was written is found.
+        Signals with a time shift that is estimated, such as "axis.force". The estimate is the time by which the signal
+        was recorded too late.
     friction
-        A friction law in place of the simplest one that the data do not contradict.
+        Friction law. By default the simplest law that the data do not contradict.
     directions
-        Find friction forwards and backwards apart. A constant force beside friction is then no number of its own.
+        Whether friction is estimated separately for both directions. A constant force is then not estimated, because it
+        cannot be distinguished.
     held
-        Inputs that are held between samples; see `fit`.
+        Inputs that keep their value between samples (zero-order hold); see `fit`.
     keep
-        Kinds of flaws that are data; see `Recording.of`.
+        Kinds of data flaws that are treated as valid data; see `Recording.of`.
     confidence
         Confidence level of the intervals.
 
     Returns
     -------
     Identification
-        Numbers with intervals, residuals, the friction curve, and a sentence for each number that the data do not tell.
+        Numbers with confidence intervals, residuals, the friction curve, and an explanation for each number that the
+        data do not determine.
 
     Raises
     ------
     SceneError
-        If a recording cannot be read, or holds neither speed nor position.
+        If a recording cannot be read, or contains neither speed nor position.
     SimulationError
         If the motion cannot be simulated.
 
@@ -465,7 +468,7 @@ def _told(part: Any, recording: Recording, free: Sequence[str], untold: dict[str
                 untold[name] = f"every break-away falls on a jump of the force, which passes it. To tell it, {EXPERIMENTS['static']}."
         except Unidentifiable as error:
             plain = [name.partition("[")[0] for name in error.names if name.partition("[")[0] in free]
-            order = [name for word in ("offset", "static", "speed", "viscous", "shift") for name in plain if name.endswith(f".{word}")]
+            order = [name for word in ("offset", "static", "stribeck_speed", "viscous", "shift") for name in plain if name.endswith(f".{word}")]
             lost = plain if error.mute else (order or plain)[:1]
             if not lost or len(lost) == len(free):
                 raise

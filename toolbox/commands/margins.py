@@ -125,6 +125,6 @@ def _save(scene: Scene, found: Mapping[str, Mapping[str, Any]], stems: Mapping[s
             path = folder / f"{stems[label]}_{name}"
             each.save(path.with_suffix(".npz"))
             each.save(path.with_suffix(".csv"))
-            if name == "error" or each.loop is not None:
+            if name == "error" or each.linear_loop is not None:
                 figures.draw_found(each, f"{scene.title}: {label}", path.with_suffix(f".{picture}"))
     scene.save(folder / "scene.toml")

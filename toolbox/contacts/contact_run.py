@@ -22,7 +22,7 @@ from toolbox.files.tables import write as write_table
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.elements import FrictionLaw
 from toolbox.simulation.samples import Event
-from toolbox.vocabulary import Renamed
+from toolbox.vocabulary import Renamed, new_field
 
 
 class Energies:
@@ -213,16 +213,17 @@ class ContactRun(Renamed):
     def save(self, path: str | Path) -> Path:
         """Write the run to a compressed npz file without pickle, which `load` reads, or to a table where the path ends with .csv; whole or not at all.
 
-        Keys: time, coordinates, rates, modes, normal, tangential, slip, rubbed and passes as the attributes; areas and, where they are known, places of the
-        contacts; `output.<name>`, `output.<name>.speed` and `input.<name>`; `energy.<word>` for those of `energy`;
+        Keys: the arrays of the attributes by their names; `contact_areas` and, if they are known, `contact_positions`;
+        `output.<name>`, `output.<name>.speed` and `input.<name>`; `energy.<word>` for those of `energy`;
         `run` (JSON) and the arrays it names for the problem.
         """
         path = Path(path)
         if path.suffix == ".csv":
             return self.to_csv(path)
         columns: dict[str, Any] = {word: getattr(self, word) for word in RECORDS}
-        surface = {"areas": self.problem.contact_areas, "places": self.problem.contact_positions}
-        columns |= {word: values for word, values in surface.items() if values is not None}
+        columns |= {
+            word: getattr(self.problem, word) for word in ("contact_areas", "contact_positions") if getattr(self.problem, word) is not None
+        }
         for name in self.problem.outputs:
             columns |= {f"output.{name}": self[name], f"output.{name}.speed": self.rate(name)}
         columns |= {f"input.{name}": values for name, values in self.inputs.items()}
@@ -257,10 +258,12 @@ class ContactRun(Renamed):
         """
         what = "a run written by `ContactRun.save`"
         with understood(Path(path), what):
-            data = arrays(Path(path), what)
+            data = {new_field(ContactRun, word): values for word, values in arrays(Path(path), what).items()}  # as earlier trees wrote them
             tree = dict(json.loads(str(data["run"])))
             kind = _law_named(tree["law"])
-            problem = read(Mapping[str, Any], tree["problem"], data, "problem")
+            problem = {
+                new_field(ContactProblem, word): value for word, value in read(Mapping[str, Any], tree["problem"], data, "problem").items()
+            }
             mappings = {
                 word: read(Mapping[str, Any], problem[word], data, word)
                 for word in ("force_inputs", "surface_velocity", "outputs", "units")
@@ -341,29 +344,31 @@ class ContactRun(Renamed):
         return {f"tangential {i}": self.tangential[:, :, i].sum(axis=1) for i in range(self.problem.directions)}
 
     def plot_map(self, time: NumberOrText | None = None, values: str = "mode", ax: Any = None) -> Any:
-        """Draw the face at an instant [s], by default at the end: values "mode", "pressure", "traction" or "rubbed" of every contact; returns the axes."""
+        """Draw the face at an instant [s], by default at the end: values "mode", "pressure", "traction" or "friction_work" of every contact.
+
+        Returns the axes.
+        """
         from toolbox.contacts.figures import draw_field, draw_modes
 
         if self.problem.contact_positions is None:
-            raise SceneError("Argument `places` of the problem must be given for a picture of its contacts.")
+            raise SceneError("Argument `contact_positions` of the problem must be given for a picture of its contacts.")
         time = number("time", self.end if time is None else time, "s", at_least=self.time[0], at_most=self.end * (1 + 1e-12))
         i = int(np.argmin(np.abs(self.time - time)))
         plane = face_of(self.problem.contact_positions)
         if values == "mode":
             return draw_modes(plane, self.contact_modes[i], ax)
-        scales = {"pressure": (1e-6, "MPa"), "traction": (1e-6, "MPa"), "rubbed": (1e9, "nJ")}
-        fields = {"rubbed": "friction_work"}
+        scales = {"pressure": (1e-6, "MPa"), "traction": (1e-6, "MPa"), "friction_work": (1e9, "nJ")}
         if values not in scales:
-            raise SceneError(f"Argument `values` must be mode, pressure, traction or rubbed, but it is {values!r}.")
+            raise SceneError(f"Argument `values` must be mode, pressure, traction or friction_work, but it is {values!r}.")
         factor, unit = scales[values]
-        return draw_field(plane, factor * getattr(self, fields.get(values, values))[i], f"{values} [{unit}]", ax)
+        return draw_field(plane, factor * getattr(self, values)[i], f"{values.replace('_', ' ')} [{unit}]", ax)
 
     def animate(self, path: Any, frames: int = 60, seconds: float = 6.0) -> None:
         """Write an animation (.gif) of stick, slip and open on the face, beside the share that sticks."""
         from toolbox.contacts.figures import write_animation
 
         if self.problem.contact_positions is None:
-            raise SceneError("Argument `places` of the problem must be given for a picture of its contacts.")
+            raise SceneError("Argument `contact_positions` of the problem must be given for a picture of its contacts.")
         write_animation(path, (self.time, face_of(self.problem.contact_positions), self.contact_modes, self.share()), frames, seconds)
 
     def __str__(self) -> str:

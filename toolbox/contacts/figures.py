@@ -58,7 +58,7 @@ def draw_run(run: Any) -> Any:
             chosen = np.searchsorted(changes, changes[-1] * np.array([0.2, 0.4, 0.6, 0.8]))
         else:
             chosen = np.linspace(0, len(run.time) - 1, 5).round().astype(int)[1:]
-        rows = [["share"] * 4, ["forces"] * 4, ["0", "1", "2", "3"], ["pressure", "traction", "rubbed", "legend"]]
+        rows = [["share"] * 4, ["forces"] * 4, ["0", "1", "2", "3"], ["pressure", "traction", "friction_work", "legend"]]
         _, axes = plt.subplot_mosaic(rows, figsize=(WIDTH, 7.2), layout="constrained", height_ratios=[1.2, 0.9, 1.0, 1.0])
         run.plot_share(axes["share"]).set_xlabel("")
         run.plot_forces(axes["forces"])
@@ -71,11 +71,11 @@ def draw_run(run: Any) -> Any:
             marks |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
             ax.get_legend().remove()
             ax.set_title(f"{run.time[i]:.4g} s: {run.share()[i]:.0%} stick", fontsize=7)
-        for word, i in (("pressure", chosen[-1]), ("traction", chosen[-1]), ("rubbed", -1)):
+        for word, i in (("pressure", chosen[-1]), ("traction", chosen[-1]), ("friction_work", -1)):
             run.plot_map(run.time[i], word, axes[word])
             axes[word].set_title(f"{run.time[i]:.4g} s", fontsize=8)
         for word, ax in axes.items():
-            if word in ("1", "2", "3", "traction", "rubbed"):
+            if word in ("1", "2", "3", "traction", "friction_work"):
                 ax.set(ylabel="")
             if word.isdigit():
                 ax.set(xlabel="")

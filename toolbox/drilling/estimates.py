@@ -22,6 +22,7 @@ from toolbox.logs.flaws import local_spacing
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.vocabulary import new_field
 
 SEVERE, CALM = 0.85, 0.6
 """Severity from which on a bit that has stuck is evidence of stick-slip, below which it is over: half-range over the mean, 1 where it just stops."""
@@ -29,13 +30,10 @@ SEVERE, CALM = 0.85, 0.6
 STICKING = 0.5
 """Part of the members that must have stuck."""
 
-UNITS = {"bit_speed": "rad/s", "bit_torque": "N m", "strength": "1", "severity": "1", "margin": "rad/s"}
+UNITS = {"bit_speed": "rad/s", "bit_torque": "N m", "rock_strength": "1", "severity": "1", "onset_margin": "rad/s"}
 """{what is estimated: its unit}."""
 
-FIELDS = {"strength": "rock_strength", "margin": "onset_margin"}
-"""{what is estimated: the field of `Estimate` that holds it, if its name differs}."""
-
-SHOWN = {"margin": "margin to the loss of smooth running"}
+SHOWN = {"onset_margin": "margin to the loss of smooth running"}
 """{what is estimated: its name in report and figure, where it is another}."""
 
 LASTING = 5.0
@@ -85,8 +83,8 @@ class Estimates(Told, Result):
     time
         Of the samples [s], shape (nt,).
     mean, deviation
-        {"bit_speed", "bit_torque", "strength", "severity" or "margin": values in SI, shape (nt,)}; nan where nothing is known. The margin is the mean bit speed
-        over the border below which smooth running is lost; it is nan while the bit sticks and slips. Severity and margin are nan where ensemble and torque
+        {"bit_speed", "bit_torque", "rock_strength", "severity" or "onset_margin": values in SI, shape (nt,)}; nan where nothing is known. The
+        onset margin is the mean bit speed over the border below which smooth running is lost; it is nan while the bit sticks and slips. Severity and margin are nan where ensemble and torque
         disagree on stick-slip.
     stick_slip
         Whether there is stick-slip, by ensemble and torque, shape (nt,).
@@ -180,7 +178,9 @@ class Estimates(Told, Result):
         return estimate_diagram(self, axes)
 
     def check_loaded(self) -> None:
-        """Raise ValueError if the loaded arrays do not fit together."""
+        """Give rows of a file of an earlier version their names now. Raise ValueError if the loaded arrays do not fit together."""
+        for word in ("mean", "deviation"):
+            object.__setattr__(self, word, {new_field(Estimate, name): each for name, each in getattr(self, word).items()})
         if {*self.mean} != {*UNITS} or {*self.deviation} != {*UNITS} or any(each.shape != self.time.shape for each in self.mean.values()):
             raise ValueError("its rows do not fit together")
 
@@ -261,7 +261,7 @@ def estimate(
             now = made.step(float(steps[k]), float(between[k]), float(speed[k]), float(weight[k]))
             if unseen > longest[k] and last == time[k]:  # what was told before a gap tells nothing after it
                 detector, now = Detector(), made.forgotten() if unseen > SEEN * made.period else now
-            found[k] = np.ravel([getattr(now, FIELDS.get(name, name)) for name in UNITS])
+            found[k] = np.ravel([getattr(now, name) for name in UNITS])
             lost[k] = time[k] - last > longest[k]
             sticks[k] = not lost[k] and detector(now)
             if k % 500 == 499:
@@ -271,7 +271,7 @@ def estimate(
     mean = {name: found[:, 2 * k].copy() for k, name in enumerate(UNITS)}
     deviation = {name: found[:, 2 * k + 1].copy() for k, name in enumerate(UNITS)}
     for name in UNITS:
-        blank = slow | (alarm if name == "margin" else False) | ((sticks != alarm) if name in ("severity", "margin") else False)
+        blank = slow | (alarm if name == "onset_margin" else False) | ((sticks != alarm) if name in ("severity", "onset_margin") else False)
         mean[name][blank] = deviation[name][blank] = np.nan
     measured = int(np.isfinite(speed).sum())
     notes = [f"There is no margin: {made.no_border}."] if made.no_border else []

@@ -224,7 +224,7 @@ def estimate_diagram(found: Any, axes: Any = None) -> Any:
             ax.plot(found.time, mean, color=LINES[0]["color"], linewidth=0.9)
             name_axis(
                 ax.yaxis,
-                "margin to loss\nof smooth running" if name == "margin" else in_words(name),
+                "margin to loss\nof smooth running" if name == "onset_margin" else in_words(name),
                 found.units[name],
                 found.display_units,
             )

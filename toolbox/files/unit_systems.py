@@ -36,10 +36,11 @@ SIZED = frozenset(("1", "s", "m"))
 
 
 class units:
-    """Choose the units in which reports, tables and figures answer: `with units("oilfield"): print(found)`, or `units("metric")` from here on.
+    """Choose the units of reports, tables and figures: `with units("oilfield"): print(found)`, or `units("metric")` for all that follows.
 
-    Where no system is chosen, an answer is in the units that its question was typed in, such as "95 rpm" or "10 kN m", and else in SI. Only what is read
-    changes: numbers that Python gets, axes as matplotlib knows them, and files stay SI.
+    If no system is chosen, results are shown in the units in which the input was given, such as "95 rpm" or "10 kN m",
+    and otherwise in SI. The choice changes only what is shown. Numbers returned to Python, matplotlib axes and files
+    stay in SI.
 
     Parameters
     ----------

@@ -227,51 +227,79 @@ def _expression(law: Any, method: str, given: Any) -> ca.SX:
 
 @dataclass(frozen=True)
 class FrictionLaw(Renamed, Declared):
-    """A friction law: the coefficient of dry friction per unit of load, as a function of the slip speed.
+    """Friction law: the coefficient of dry friction per unit of load, as a function of the slip speed.
 
-    Subclass it as a frozen dataclass whose numeric fields are declared with `quantity`, and write `sliding` and `breakaway`. The law must be smooth for
-    positive slip speeds, except at the speeds that it declares as `breaks`, and at kinks of fabs, fmin and fmax.
+    Write your own law as a frozen dataclass that is a subclass. Declare its numeric fields with `quantity`, and write
+    `sliding` and `breakaway`. The law must be smooth for positive slip speeds, except at kinks of fabs, fmin and fmax
+    and at the speeds at which it jumps, which it must declare.
 
-    A law with memory declares its internal states in `memory` and writes `evolution`; `sliding` is then its friction at a steady slip speed. The force follows
-    from states and slip alone, as bristles (Dahl 1968) and rate and state (Rice, Ben-Zion 1996) have it: a contact has no modes, and creeps where it stands.
+    A law with memory declares its internal states in `memory` and writes `evolution`. `sliding` is then the friction at
+    constant slip speed. The force follows from states and slip alone, as for bristles (Dahl 1968) and rate-and-state
+    friction (Rice, Ben-Zion 1996). A contact with such a law has no modes, and creeps instead of sticking.
     """
 
     def __post_init__(self) -> None:
         fields_in_si(self, TURNED)
 
     def memory(self, directions: int) -> Mapping[str, tuple[str, Any]]:
-        """{internal state: (unit, start value)}, a number, or `(0.0,) * directions` for a deflection and its like; empty for a law without memory."""
+        """Return the internal states as {name: (unit, start value)}. Empty for a law without memory.
+
+        A start value is a number, or `(0.0,) * directions` for a vector such as a deflection.
+
+        Parameters
+        ----------
+        directions
+            Number of directions in which the contact slips.
+        """
         return {}
 
     def evolution(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[ca.SX, Mapping[str, Any]]:
-        """Friction against the slip, per unit of load, and {internal state: its rate}; `slip` and friction are columns of directions, `speed` is |slip|."""
+        """Return the friction against the slip, per unit of load, and the rates of the internal states as {name: rate}.
+
+        Parameters
+        ----------
+        slip
+            Column of slips, one for each direction.
+        speed
+            Magnitude |slip|.
+        load
+            Normal load of the contact.
+        memory
+            {internal state: its value}.
+        """
         raise _without(self, "evolution", "friction per unit of load and the rates of its states")
 
     def energies(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[Any, Mapping[str, Any]]:
-        """Stored energy and {name: dissipated power} of a law with memory, per unit of load; by default nothing is stored."""
+        """Return the stored energy and {name: dissipated power} of a law with memory, per unit of load. By default nothing is stored."""
         return 0.0, {"memory": ca.dot(self.evolution(slip, speed, load, memory)[0], slip)}
 
     def sliding(self, speed: ca.SX, *beyond: ca.SX) -> ca.SX:
-        """Kinetic friction per unit of load at the slip speed `speed` >= 0.
+        """Return the kinetic friction per unit of load at a slip speed.
 
-        `beyond` holds one number per break, 0 below it and 1 beyond it; a law without breaks takes none.
+        Parameters
+        ----------
+        speed
+            Slip speed >= 0.
+        beyond
+            One number for each speed at which the law jumps: 0 below this speed, 1 above it. None for a law without
+            jumps.
         """
         raise _without(self, "sliding", "kinetic friction per unit of load")
 
     def breaks(self) -> tuple[Any, ...]:
-        """Slip speeds > 0 at which the law jumps down: each becomes a switch `contact.break`, located as an event."""
+        """Return the slip speeds > 0 at which the law drops. Each drop is located as an event of the element `contact.break`."""
         return ()
 
     def reverse(self) -> FrictionLaw:
-        """Return the law for slip speeds below zero; by default this one."""
+        """Return the law for negative slip speeds. By default the law itself."""
         return self
 
     def breakaway(self) -> ca.SX:
-        """Static bound per unit of load."""
+        """Return the static friction per unit of load."""
         raise _without(self, "breakaway", "the static bound per unit of load")
 
     def check(self) -> None:
-        """Raise SceneError where fields contradict each other."""
+        """Raise SceneError if fields contradict each other."""
 
 
 FRICTION, RIGID, SWITCH = range(3)
@@ -365,26 +393,31 @@ class Element:
 
 
 class DryFriction(Element):
-    """Dry friction with slip speed `slip`, a friction law, and a normal load (default 1, for laws that are forces themselves).
+    """Dry friction at a contact with slip speed `slip`, a friction law `law`, and a normal load `load`.
 
         stick:  slip = 0 and |force| <= static = load * law.breakaway()
         slip:   force = -sgn(slip) * load * law.sliding(|slip|)
 
-    `slip` may depend on states, parameters and time, not on a sampled input. A negative load is an error of the caller: give a load that is >= 0, such as the
-    `force` of a `UnilateralContact`; `lift_off` names a part that models the loss of contact, for that error. Each break of the law is an element of its own
-    (`name.break`), "below" or "beyond".
+    - `slip` may depend on states, parameters and time, but not on a sampled input.
+    - `load` is 1 by default, for friction laws that are forces themselves. A negative load raises an error. Give a load
+      that is >= 0, such as the `force` of a `UnilateralContact`.
+    - `lift_off` names a part that models the loss of contact. The error for a negative load mentions it.
+    - Each speed at which the law jumps is a separate element, `name.break`, with the modes "below" and "beyond".
 
-    A contact that slips in two directions has a column of two slips in one unit, `casadi.vertcat(axial, radius * turning)`, and `force` is a column of two.
-    Both share one friction cone, so that one motion takes the friction of the other away:
+    Slip in two directions: `slip` is a column of two slips with one unit, `casadi.vertcat(axial, radius * turning)`,
+    and `force` is a column of two. Both directions share one friction cone, so motion in one direction reduces the
+    friction in the other:
 
         stick:  slip = 0 and |force| <= static, with the length of both columns
         slip:   force = -slip / |slip| * load * law.sliding(|slip|)
 
-    Its modes are "stick" and "slip", and its signals `name.force` and `name.slip` are the lengths. Whose direction its force has is an element of its own
-    (`name.direction`): "pull" from the instant at which it breaks away until it moves, "slip" from then on. Its load must not come from a rigid contact.
+    The modes are then "stick" and "slip", and the signals `name.force` and `name.slip` are the lengths of the columns.
+    The direction of the force is a separate element, `name.direction`: "pull" from the break-away until the contact
+    moves, then "slip". The load must not come from a rigid contact.
 
-    Under a law with memory it has no modes: force = -load * friction(slip, memory). Internal states are signals such as `pad.deflection`; the energy audit has
-    what the contact takes up (supply `pad.slip`), what its memory gives back (`pad.memory`) and what it loses, beside what the part books as given to it.
+    Friction law with memory: the contact has no modes, and force = -load * friction(slip, memory). Its internal states
+    are signals such as `pad.deflection`. The energy audit then contains three more terms for the contact: the supplied
+    power (supply `pad.slip`), the power that the memory returns (`pad.memory`), and the losses.
     """
 
     def __init__(
@@ -495,9 +528,11 @@ def length(column: ca.SX, beside: ca.SX | float = 0.0) -> ca.SX:
 
 
 class Hysteresis(Element):
-    """A two-position switch with memory: `output` becomes 1 when `signal` rises to `high` and 0 when it falls to `low` < high.
+    """Switch with two positions and memory: `output` becomes 1 when `signal` rises to `high`, and 0 when it falls to `low`.
 
-    Between the two it keeps what it was, `start` ("low" or "high") at first. With low = high it chatters where both sides lead back to it: that is a `Relay`.
+    Between `low` and `high` the output keeps its last value. At the start the position is `start` ("low" or "high").
+    `low` must be <= `high`. If low = high and both positions drive the signal back to the threshold, the switch
+    chatters: use a `Relay` for this case.
     """
 
     legend: Mapping[int, str] = {0: "low", 1: "high"}
@@ -516,7 +551,7 @@ class Hysteresis(Element):
 
     @property
     def output(self) -> ca.SX:
-        """0 or 1."""
+        """Output of the switch as an expression: 0 or 1."""
         return self.mode
 
     def guards(self, multiplier: ca.SX, bound: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -453,9 +453,10 @@ def _told(name: str, known: Iterable[str], sampled: Sampled, plant: HybridSystem
 class Takeover(Controller):
     """Two sampled controllers, one until a time and the other afterwards: a drive that is switched on in the middle of a run.
 
-    The memory of `after` stays at its start values until then; that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded
-    throughout. There is no continuous form. Where one of them is designed as a callable, such as a predictive law, the whole is one, and `run.laws[0].inside`
-    holds that law. Raises SceneError where `before` drives what `after` does not.
+    The memory of `after` stays at its start values until then; that of `before`, recorded as `before.<name>`, stops.
+    What only one of them gives is recorded throughout. There is no continuous form. Where one of them is designed as a
+    callable, such as a predictive law, the whole is one, and `run.laws[0].inside` holds that law. Raises SceneError
+    where `before` drives what `after` does not.
 
     Parameters
     ----------
@@ -465,6 +466,17 @@ class Takeover(Controller):
         Time of the takeover [s].
     name
         Name of the part.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque, StiffPI
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, compose, simulate
+    >>> from toolbox.modelling import Takeover
+    >>> law = Takeover(StiffPI(reference="120 rpm"), SoftTorque(reference="120 rpm"), at="60 s")
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="80 kN")), "120 s", controller=Sampled(law, "10 ms"))
+    >>> print(f"{run.time_in('bit', 'stick', until=60.0):.0f} s in stick before, {run.time_in('bit', 'stick', after=90.0):.0f} s at the end")
+    2 s in stick before, 0 s at the end
     """
 
     before: Controller = field(default_factory=Controller)

@@ -12,13 +12,24 @@ from toolbox.modelling.elements import Element
 
 
 class OneWayClutch(Element):
-    """A one-way clutch (freewheel, sprag clutch), or a ratchet without play: it drives one way and runs free the other way.
+    """One-way clutch (freewheel, sprag clutch) or ratchet without play: drives in one direction and runs free in the other.
 
         locked:  slip = 0 and force >= 0          free:  slip < 0 and force = 0
 
-    `slip` is the speed of the driving side less that of the driven side, and `force` drives the driven side: in the flow it stands with a minus at the driving
-    side. A ratchet that holds a drum is one between the drum and the ground. The force has no bound. A start with a slip above zero is an error, and an impact
-    elsewhere passes through a clutch that is locked, or that it locks.
+    `slip` is the speed of the driving side minus the speed of the driven side. `force` acts positively on the driven
+    side and negatively on the driving side in the equations of motion. The force has no upper bound.
+
+    - To model a ratchet that holds a drum, use a clutch between the drum and the ground.
+    - A start with slip > 0 raises an error.
+    - An impact at another contact is transmitted if the clutch is locked, or if the impact locks it.
+
+    Examples
+    --------
+    >>> from models import OverrunningDrive
+    >>> from toolbox import compose, simulate
+    >>> run = simulate(compose(OverrunningDrive()), 5.0, inputs={"driver.torque": 1.0})
+    >>> print(run.modes["clutch"][-1])
+    locked
     """
 
     legend: Mapping[int, str] = {0: "locked", 1: "free"}

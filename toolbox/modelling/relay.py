@@ -8,12 +8,26 @@ from toolbox.modelling.elements import Element
 
 
 class Relay(Element):
-    """An ideal switch u = -bound * sgn(surface), with true sliding on surface = 0.
+    """Ideal switch u = -bound sgn(surface), with true sliding on surface = 0.
 
-    Sliding is the mode "stick": the force is then the equivalent control, inside [-bound, bound]. The surface must have relative
-    degree one with a positive gain, d(surface)/dx * d(flow)/d(force) > 0; anything else is a SceneError when the plant is composed.
-    With `higher_degree=True` its force may reach the surface through lags: it switches each time the surface passes through zero, and never slides.
+    During sliding the mode is "stick". The force is then the equivalent control, inside [-bound, bound].
+
+    The surface must have relative degree one with a positive gain: d(surface)/dx d(flow)/d(force) > 0. Otherwise
+    `compose` raises SceneError.
+
+    With `higher_degree=True` the force may act on the surface through lags. The relay then switches each time the
+    surface passes through zero, and never slides.
+
     Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992.
+
+    Examples
+    --------
+    >>> from controllers import IdealSlidingMode
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, simulate
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="60 kN")), "60 s", controller=IdealSlidingMode(reference="60 rpm"))
+    >>> print(f"on the surface for {run.time_in('slidingmode', 'stick', after=30.0):.1f} s of the last 30 s")
+    on the surface for 30.0 s of the last 30 s
     """
 
     def __init__(

@@ -12,15 +12,21 @@ from toolbox.modelling.elements import Element
 
 
 class UnilateralContact(Element):
-    """A contact that pushes and never pulls: `force` N >= 0 against the `closure` d of its gap (d < 0 open), which grows at `rate` d'.
+    """Unilateral contact, which pushes and never pulls: force N >= 0 with the closure d of its gap.
 
         elastic (stiffness k, damping c):  N = k d + c d' while closed; closes when d and k d + c d' are both positive, opens at N = 0
         rigid (restitution e):             d' = 0 while closed, opens at N = 0; an impact turns d' into -e d'
 
-    Give either `stiffness` or `restitution`. N must act against the closure: in the flow it stands with the sign that lowers d'. Friction at the
-    contact is a `DryFriction` with load N, declared after it. At a rigid impact it takes part with a Coulomb impulse of the same law, and the energy never
-    rises: where Newton's restitution would make it rise, the impact is plastic. Bounces too low to be resolved close the contact. `stored` [J] and `loss` [W]
-    are the energy of the elastic contact and the power of its damper, for the audit; what the spring still stores at opening is lost, as in an impact.
+    `closure` d is negative while the contact is open. `rate` is d'. Give either `stiffness` or `restitution`.
+
+    - In the equations of motion N must act against the closure, with the sign that reduces d'.
+    - Friction at the contact is a `DryFriction` with load N, declared after it.
+    - A rigid impact includes a Coulomb impulse of the same friction law. The energy never rises: if Newton's
+      restitution would increase it, the impact is plastic.
+    - Bounces that are too small to be resolved close the contact.
+    - For the energy audit, `stored` [J] is the energy of the elastic contact and `loss` [W] the power of its damper.
+      Energy that the spring still holds at opening is lost, as in an impact.
+
     Source: B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer 2016.
     """
 

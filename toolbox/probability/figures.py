@@ -65,13 +65,13 @@ def corner_diagram(found: Any, axes: Any = None) -> Any:
                 if j > i:
                     ax.set_visible(False)
                 elif i == j:
-                    ax.hist(found.points[:, i], bins=24, color="0.75", edgecolor="0.4", linewidth=0.4)
+                    ax.hist(found.samples[:, i], bins=24, color="0.75", edgecolor="0.4", linewidth=0.4)
                     ax.set(yticks=[])
                     ax.spines["left"].set_visible(False)
                 else:
                     ax.plot(
-                        found.points[:, j],
-                        found.points[:, i],
+                        found.samples[:, j],
+                        found.samples[:, i],
                         linestyle="none",
                         marker=".",
                         markersize=2.5,
@@ -92,9 +92,9 @@ def prediction_diagram(found: Any, axes: Any = None) -> Any:
             band = ax.fill_between(found.time, found.low[name], found.high[name], color=colour, alpha=0.3, linewidth=0)
             (middle,) = ax.plot(found.time, found.median[name], color=colour, linewidth=0.8)
             shown = [(band, f"{100 * found.confidence:g} % band"), (middle, "median")]
-            if name in found.measured:
+            if name in found.measured_values:
                 (dots,) = ax.plot(
-                    found.time, found.measured[name], linestyle="none", marker=".", markersize=1.8, color=LINES[1]["color"], zorder=1
+                    found.time, found.measured_values[name], linestyle="none", marker=".", markersize=1.8, color=LINES[1]["color"], zorder=1
                 )
                 shown.append((dots, "measured"))
             name_axis(ax.yaxis, in_words(name), unit, found.display_units)
@@ -107,9 +107,9 @@ def comparison_diagram(found: Any, axes: Any = None) -> Any:
     """By how much each model is behind the best one: in evidence, and in predicting what was left out."""
     with drawn_on(axes, 1, 2, height=0.4 * len(found.posteriors) + 1.2, sharey=True) as axes:
         labels = list(found.posteriors)
-        best = max(each.evidence for each in found.posteriors.values())
-        evidence = [(best - each.evidence, each.error) for each in found.posteriors.values()]
-        scored = [found.behind(label) for label in labels] if next(iter(found.scores.values())).size else []
+        best = max(each.log_evidence for each in found.posteriors.values())
+        evidence = [(best - each.log_evidence, each.log_evidence_error) for each in found.posteriors.values()]
+        scored = [found.behind(label) for label in labels] if next(iter(found.log_scores.values())).size else []
         for ax, pairs, words in zip(axes, (evidence, scored), ("evidence", "windows left out"), strict=True):
             for place, (behind, error) in enumerate(pairs):
                 ax.errorbar(behind, place, xerr=1.96 * error, marker="o", color=LINES[0]["color"], capsize=2.5)
@@ -122,14 +122,14 @@ def comparison_diagram(found: Any, axes: Any = None) -> Any:
 def onset_diagram(found: Any, ax: Any = None) -> Any:
     """The part of the machines that are free over the set-point, with its bounds, and the part that does not lose smooth running."""
     with drawn_on(ax, height=3.2) as ax:
-        for k, (label, borders) in enumerate(found.borders.items()):
+        for k, (label, borders) in enumerate(found.onset_values.items()):
             style = LINES[k % len(LINES)]
             at = np.unique(np.clip([*found.bounds, *borders[np.isfinite(borders)]], *found.bounds))
             free = (borders[None, :] <= at[:, None]).sum(axis=1)
             low, high = clopper_pearson(free, free, borders.size, found.confidence)
             ax.fill_between(at, low, high, color=style["color"], alpha=0.2, linewidth=0, step="post")
             ax.step(at, free / borders.size, where="post", label=label, color=style["color"], linewidth=1.3)
-            smooth = np.sort(found.smooth[label][np.isfinite(found.smooth[label])])
+            smooth = np.sort(found.smooth_running_limits[label][np.isfinite(found.smooth_running_limits[label])])
             if smooth.size > borders.size / 2:
                 parts = (np.arange(smooth.size) + 1 + borders.size - smooth.size) / borders.size
                 ax.step(
@@ -152,10 +152,10 @@ def basin_diagram(found: Any, ax: Any = None) -> Any:
             (~back & (found.outcomes != NONE), "is tipped", "x", LINES[0]["color"]),
         ):
             y = np.full(int(kept.sum()), float(marker == ".")) if flat else found.starts[kept, 1]
-            ax.plot(found.starts[kept, 0], y, linestyle="none", marker=marker, markersize=3, color=colour, label=words)
-        ax.plot(found.point[0], 1.0 if flat else found.point[1], linestyle="none", marker="o", color="black", label="working point")
-        if np.isfinite(found.smallest).all():
-            tip = (found.smallest[0], 0.0 if flat else found.smallest[1])
+            ax.plot(found.initial_states[kept, 0], y, linestyle="none", marker=marker, markersize=3, color=colour, label=words)
+        ax.plot(found.equilibrium[0], 1.0 if flat else found.point[1], linestyle="none", marker="o", color="black", label="working point")
+        if np.isfinite(found.smallest_disturbances).all():
+            tip = (found.smallest_disturbances[0], 0.0 if flat else found.smallest[1])
             ax.plot(*tip, linestyle="none", marker="s", markerfacecolor="none", color="black", label="smallest that tips it")
         name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.display_units)
         if flat:

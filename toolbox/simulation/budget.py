@@ -15,17 +15,21 @@ from toolbox.modelling.elements import Quantity, quantity
 class Budget:
     """Limits on the cost of a run. At a limit the run ends with a `BudgetError`, which holds the trajectory so far.
 
-    Raises SceneError, when a run is given it, for anything but positive numbers, whole ones for steps and events.
-
     Attributes
     ----------
     steps
-        Number of steps that are tried, accepted or not.
+        Largest number of steps, accepted and rejected.
     events
-        Number of switches of elements. A run that has exactly so many finishes; one that has more ends where the next is due and holds those before.
+        Largest number of switches of elements. A run with exactly this number of switches finishes. Otherwise the run
+        ends at the next switch and holds all switches before it.
     seconds
-        Time in the event loop [s], looked at about ten times a second, and by predictive laws before each program that they solve (other laws in Python:
-        `toolbox.authoring.time_left`).
+        Time in the event loop [s]. It is checked about ten times per second. Predictive controllers check it before
+        each program that they solve. Other controllers in Python can use `toolbox.authoring.time_left`.
+
+    Raises
+    ------
+    SceneError
+        When a run uses the budget, unless all limits are positive and `steps` and `events` are integers.
 
     Examples
     --------
@@ -48,7 +52,7 @@ class Budget:
         object.__setattr__(self, "seconds", in_si(self.seconds, "s", "budget.seconds"))
 
     def check(self) -> None:
-        """Raise SceneError unless steps and events are whole positive numbers, and seconds a positive one; events and seconds may be infinite."""
+        """Raise SceneError unless `steps` and `events` are positive integers and `seconds` is positive. `events` and `seconds` may be infinite."""
         for name in ("steps", "events", "seconds"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)) or not value > 0:

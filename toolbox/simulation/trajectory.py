@@ -72,33 +72,43 @@ class Records:
 
 
 class Trajectory(Renamed, Recorded, Samples[FloatArray]):
-    """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
+    """Result of `simulate`: the signals, modes and events of a run.
+
+    - `run.time` and `run["bit.speed"]`: recorded times and values of a signal.
+    - `run.modes["bit"]`: modes of a contact. `run.events`: all switches.
+    - `run.at(12.5)["bit.speed"]`: value of a signal at any time.
+    - `print(run)`: summary.
 
     Attributes
     ----------
     time
-        Recorded times [s], shape (nt,); without output times every step, and events twice (before and after). Of a chain so long that its steps would fill
-        more memory than `toolbox.simulation.thin_records.MOST`, every second, third ... step and all events; `run.at` is as exact as ever, and
-        `run.nodes` has every step.
+        Recorded times [s], shape (nt,). If no output times were given, every step is recorded, and events twice (before
+        and after). For very long runs of large plants, only every second, third ... step and all events are recorded,
+        as soon as the records would need more memory than `toolbox.simulation.thin_records.MOST`. `run.at` is then as
+        exact as before, and `run.nodes` has every step.
     states
-        States at these times, shape (nt, n).
-    begin, end
-        Time at which the run begins [s], 0 or that of the state from which it goes on; and time that was reached, the duration later unless the run failed.
+        States at the recorded times, shape (nt, n).
+    begin
+        Time at which the run begins [s]: 0, or the time of the state from which it continues.
+    end
+        Time that was reached [s]: `begin` + duration, unless the run failed.
     wall_time
-        Seconds spent in the event loop.
+        Computing time in the event loop [s].
     steps
         Number of steps (accepted, rejected).
     merged
-        Number of guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than can be
-        resolved.
+        Number of guards that reached zero without a change of mode. The element only touched the threshold, or it left
+        and returned faster than can be resolved.
     before
-        Where a run went on with implicit steps, the time from which on it took these, and the formulas of its steps before [s]; else None.
+        If a run changed to implicit steps: the time of this change [s] and the explicit formulas used before. Else
+        None.
     answers
-        What each Python controller returned, sample by sample.
+        Outputs of each controller in Python, sample by sample.
     controllers
-        Those controllers as the run left them, with what they recorded; they do not travel with a pickled trajectory.
+        The controllers in Python as the run left them, with their records. A pickled trajectory does not contain them.
     why
-        What steps a run by "event" took, and why; by another method why its steps were not taken; else empty.
+        The steps that a run by "event" used, and the reason for this choice. For other methods, the reason why these
+        steps were not used, or empty.
 
     Examples
     --------
@@ -137,14 +147,14 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @staticmethod
     def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples[float | Any]:
-        """Return the signals at one instant of a run under way.
+        """Return the signals at one instant of a run that is in progress.
 
         Parameters
         ----------
         run, program
-            What is run, and its compiled plant.
+            The run, and its compiled plant.
         t, x, m, p
-            Time [s], states, modes and parameters at the instant.
+            Time [s], states, modes and parameters at this instant.
         """
         held = p[program.first_held :]
         return Samples(program, np.array([t]), x[None, : program.system.x.numel()].copy(), m[None, :], held[None, :].copy(), p, True)
@@ -176,7 +186,13 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return data
 
     def end_before(self, event: int) -> None:
-        """Forget the events from one instant on, counted from 0, for a run that a budget ends."""
+        """Remove all events from one index on, for a run that ends at a limit of its budget.
+
+        Parameters
+        ----------
+        event
+            Index of the first event to remove, counted from 0.
+        """
         times, index, modes = self._event_arrays
         first = int(np.searchsorted(times, times[event]))
         for i, (before, _, _) in zip(index[first:][::-1], modes[first:][::-1], strict=True):
@@ -191,7 +207,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def duration(self) -> float:
-        """Duration asked for [s]."""
+        """Requested duration [s]."""
         return self.run.duration
 
     @cached_property
@@ -213,12 +229,12 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def display_units(self) -> Mapping[str, str]:
-        """{SI unit: unit that was typed}, the units of reports and figures of this run."""
+        """Units of reports and figures of this run, as {SI unit: unit that was typed}."""
         return self.run.display_units
 
     @property
     def accuracy(self) -> float:
-        """Accuracy asked for."""
+        """Requested accuracy."""
         return self.run.accuracy
 
     @cached_property
@@ -254,10 +270,12 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def ambiguous(self) -> list[Event]:
-        """The switches at which other modes were consistent with the forces, too.
+        """Events at which another choice of modes would also have been consistent with the forces.
 
-        Where contacts hold each other and static friction is above kinetic, Coulomb's law does not say whether a contact that arrives sticks, or whether one at
-        its limit lets go first. The run goes on with what can stick beside the others; another choice is another motion.
+        If several contacts hold each other and the static friction is above the kinetic friction, Coulomb's law is not
+        unique. It does not determine whether an arriving contact sticks, or which contact at its limit breaks away
+        first. The run then continues with as many contacts in stick as possible. Another choice leads to another
+        motion.
         """
         return [event for event, other in self._switches() if other]
 
@@ -268,14 +286,14 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def main_signals(self) -> list[str]:
-        """Names of the most important signals, which a plot shows: speeds first, then driving and resisting forces or torques."""
+        """Names of the most important signals, which a plot shows: first speeds, then driving and resisting forces or torques."""
         from toolbox.simulation.main_signals import main_signals
 
         return main_signals(self)
 
     @property
     def limits(self) -> dict[str, tuple[float | None, float | None]]:
-        """{signal: (lowest, highest)} that the drive and the laws keep signals within; None is no limit."""
+        """Limits of signals, set by drives and controllers, as {signal: (lowest, highest)}. None means no limit."""
         found: dict[str, tuple[float | None, float | None]] = {}
         for part in (*self.run.system.parts, *self.run.controllers):
             for name, (low, high) in getattr(law_of(part), "signal_limits", {}).items():
@@ -285,7 +303,10 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return found
 
     def approach(self, element: str) -> FloatArray:
-        """Speeds of approach at the impacts of a unilateral contact, in the order of its events [m/s]; raises SceneError for any other element."""
+        """Return the approach speeds at the impacts of a unilateral contact [m/s], in the order of its events.
+
+        Raises SceneError for any other element.
+        """
         elements = {each.name: each for each in self.program.system.elements if each.has_gap}
         if element not in elements:
             raise SceneError(f"There is no unilateral contact `{element}`: {suggest(element, elements)}")
@@ -309,8 +330,19 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return legend[int(self._last_mode[place])]
 
     def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples[Any]:
-        """Return signals at times within the recorded steps that begin at the nodes `row`. At the end of a step the value is the value before
-        a switch."""
+        """Return signals at times within the recorded steps.
+
+        At the end of a step the value is the value before a switch.
+
+        Parameters
+        ----------
+        row
+            Index of the node at which the step of each time begins.
+        times
+            Times [s], in the shape of `row`.
+        single
+            Whether to return the values of a single time instead of arrays.
+        """
         following = np.minimum(row + 1, self.time.size - 1)
         ends = (times == self.time[following]) & (row < following)
         known = np.where(ends, following, row)
@@ -368,7 +400,15 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return self.difference(self.run.again(**finer, duration=min(self.end, self.run.end) - self.begin, budget=UNHURRIED))
 
     def difference(self, better: Trajectory) -> float:
-        """Largest difference of a state to another run of the same plant, relative to the size of that state, with impacts as in `error`."""
+        """Compute the largest relative difference of a state between this run and another run of the same plant.
+
+        The difference is relative to the size of the state. Impacts are treated as in `error`.
+
+        Parameters
+        ----------
+        better
+            The other run.
+        """
         if not isinstance(better, Trajectory):
             raise SceneError(f"Argument `better` must be a trajectory, as `simulate` returns it, but it is {short(better)}.")
         nodes = self.nodes
@@ -406,12 +446,29 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return self.time[1:][(np.diff(self.time) == 0.0) & (change.max(axis=1) > least)]
 
     def save(self, path: str | Path, signals: Sequence[str] | None = None) -> Path:
-        """Write signals, modes and events to an npz file without pickle, whole or not at all; `Trajectory.load` reads it.
+        """Write signals, modes and events to an npz file without pickle, for `Trajectory.load`.
 
-        signals: names of the signals to write; all of them by default. Raises SceneError for an unknown name.
+        The file contains the records, and for each step a polynomial for each signal. The deviation of the polynomial
+        from `run.at`, relative to the size of the signal, is at most the smaller of 1e-10 and 1e-4 times the accuracy
+        of the run, but not below 1e-12. The file is written atomically. `toolbox.simulation.saved_run` describes its
+        keys.
 
-        The file holds the records, and every step as a polynomial of each signal, the same as `run.at` to 1e-10 of the size of the signal, or to 1e-4 of the
-        accuracy of the run where that is less, down to 1e-12. Its keys stand in `toolbox.simulation.saved_run`.
+        Parameters
+        ----------
+        path
+            The file.
+        signals
+            Names of the signals to write. By default all.
+
+        Returns
+        -------
+        Path
+            The path of the file.
+
+        Raises
+        ------
+        SceneError
+            If a signal is unknown.
         """
         from toolbox.simulation.saved_run import write
 

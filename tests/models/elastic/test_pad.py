@@ -54,7 +54,7 @@ def test_while_it_does_not_part_it_moves_as_the_minimal_model():
     """The minimal model counts from the pressed state without friction, this one from the unloaded pad."""
     pad = point_pad()
     rest = pad.pressed(friction=0.0)
-    assert MINIMAL.contact_stiffness * (rest[1] + pad.approach[0]) == pytest.approx(MINIMAL.preload)
+    assert MINIMAL.contact_stiffness * (rest[1] + pad.initial_approach[0]) == pytest.approx(MINIMAL.preload)
     minimal = simulate(compose(MINIMAL), 7.0, start={"pad.position": 0.1}, accuracy=1e-9)
     run = simulate(compose(pad), 7.0, start={"pad.displacement": rest + np.array([0.1, 0.0])}, accuracy=1e-9)
     times = np.linspace(0, 7, 201)
@@ -108,7 +108,7 @@ def test_a_pad_in_a_scene_is_saved_with_its_body_and_runs_alike(tmp_path):
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"approach": (1.0, 2.0)}, "one entry for each contact"), ({"body": 3}, "ReducedBody"), ({"pushed": "top"}, "no port `top`")],
+    [({"initial_approach": (1.0, 2.0)}, "one entry for each contact"), ({"body": 3}, "ReducedBody"), ({"force_ports": "top"}, "no port `top`")],
 )
 def test_pads_that_are_none_are_refused(changes, words):
     with pytest.raises(SceneError, match=words):

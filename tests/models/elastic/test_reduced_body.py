@@ -111,8 +111,8 @@ def test_every_damaged_byte_of_a_file_is_seen_or_harmless(tmp_path):
 
 
 def test_a_file_keeps_places_and_areas_of_contacts_and_one_triangle_of_symmetric_matrices(tmp_path):
-    body = replace(chain(), places=[[0.0, 1.0]], areas=[2e-6])
-    assert body != chain() and replace(chain(), areas=[2e-6]) != chain()
+    body = replace(chain(), contact_positions=[[0.0, 1.0]], contact_areas=[2e-6])
+    assert body != chain() and replace(chain(), contact_areas=[2e-6]) != chain()
     again = ReducedBody.load(body.save(tmp_path / "chain.npz"))
     assert again == body and np.array_equal(again.contact_positions, [[0.0, 1.0]]) and np.array_equal(again.contact_areas, [2e-6])
     with np.load(tmp_path / "chain.npz") as data:
@@ -124,9 +124,13 @@ def test_a_file_keeps_places_and_areas_of_contacts_and_one_triangle_of_symmetric
     assert ReducedBody.load(chain().save(tmp_path / "plain.npz")).contact_positions is None
 
 
-@pytest.mark.parametrize("lacks", ["mass", "ports", "rigid"])
+@pytest.mark.parametrize("lacks", ["mass", "ports", "rigid_body_modes"])
 def test_a_file_that_lacks_an_array_or_has_another_one_is_refused(tmp_path, lacks):
-    arrays = {spec.name: np.asarray(getattr(chain(), spec.name)) for spec in fields(ReducedBody) if spec.name not in ("places", "areas")}
+    arrays = {
+        spec.name: np.asarray(getattr(chain(), spec.name))
+        for spec in fields(ReducedBody)
+        if spec.name not in ("contact_positions", "contact_areas")
+    }
     np.savez(tmp_path / "body.npz", **{name: value for name, value in arrays.items() if name != lacks})
     with pytest.raises(SceneError, match=f"lacks `{lacks}`"):
         ReducedBody.load(tmp_path / "body.npz")
@@ -147,13 +151,13 @@ def test_a_file_that_lacks_an_array_or_has_another_one_is_refused(tmp_path, lack
         ({"stiffness": [[1.0]]}, "2 rows"),
         ({"damping": [[math.nan, 0.0], [0.0, 1.0]]}, "finite"),
         ({"damping": "none"}, "`damping` must be finite numbers"),
-        ({"places": [1.0, 2.0]}, "`places` must be finite numbers of the shape"),
-        ({"places": [[math.nan]]}, "`places` must be finite"),
-        ({"areas": [[1.0]]}, "`areas` must be finite numbers of the shape"),
-        ({"band": -1.0}, "band"),
-        ({"rigid": 0.5}, "`rigid` must be an integer"),
+        ({"contact_positions": [1.0, 2.0]}, "`contact_positions` must be finite numbers of the shape"),
+        ({"contact_positions": [[math.nan]]}, "`contact_positions` must be finite"),
+        ({"contact_areas": [[1.0]]}, "`contact_areas` must be finite numbers of the shape"),
+        ({"cutoff_frequency": -1.0}, "cutoff_frequency"),
+        ({"rigid_body_modes": 0.5}, "`rigid_body_modes` must be an integer"),
         ({"frequencies": [100.0]}, "1 entries"),
-        ({"frequencies": [[100.0]], "errors": [[0.1]]}, r"of the shape \(any,\)"),
+        ({"frequencies": [[100.0]], "frequency_errors": [[0.1]]}, r"of the shape \(any,\)"),
     ],
 )
 def test_matrices_that_are_no_body_are_refused(changes, words):

@@ -19,7 +19,7 @@ def row_of_masses(contacts=4, stiffness=1e8, damping_time=1e-5):
 
 
 def slider(**options):
-    fields = {"body": row_of_masses(), "loads": (2.5,) * 4, "held": "contact.0", "damping": 500.0}
+    fields = {"body": row_of_masses(), "loads": (2.5,) * 4, "support_port": "contact.0", "damping": 500.0}
     return ElasticSlider(**fields | options)
 
 
@@ -94,7 +94,7 @@ def test_the_last_row_of_the_published_cube_slips_with_the_rigid_slider():
     ("changes", "words"),
     [
         ({"loads": (1.0, 2.0)}, "4 entries"),
-        ({"held": "back"}, "no port `back`"),
+        ({"support_port": "back"}, "no port `back`"),
         ({"body": None}, "ReducedBody"),
         ({"loads": (-1.0, 1.0, 1.0, 1.0)}, ">= 0"),
         ({"friction": Coulomb(0.1, 0.2)}, "kinetic"),

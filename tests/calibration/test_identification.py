@@ -105,13 +105,13 @@ def test_two_files_and_one_command_give_the_friction_curve(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "bearing.friction.viscous" in said and "rpm" in said  # the unit of the log
     assert {path.name for path in out.iterdir()} >= {
-        "identification.txt",
-        "identification.csv",
-        "identification.npz",
+        "identify.txt",
+        "identify.csv",
+        "identify.npz",
         "friction.png",
         "residuals.png",
     }
-    found = Identification.load(out / "identification.npz")
+    found = Identification.load(out / "identify.npz")
     assert off(found, TRUTH) == [] and found.untold
 
 

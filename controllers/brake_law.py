@@ -227,7 +227,7 @@ def groan_border(plant: HybridSystem) -> GroanBorder:
             f"because: {error}"
         ) from None
     laws = [part for _, part, _ in getattr(law, "parts", ())] or [law]  # two pads on one disc are one friction
-    if law is None or law.breaks() or law.memory(1):
+    if law is None or law.break_speeds() or law.memory(1):
         raise SceneError(
             "A law with `margin` needs friction without breaks and without memory to find the force above which the pad groans: give it "
             f"`border_speeds` [rad/s] and `border_forces` [N], because the law of the pad is {type(law).__name__}."

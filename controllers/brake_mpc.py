@@ -13,7 +13,7 @@ from controllers.predictive import Record
 from controllers.quadratic_program import SOLVERS, QuadraticProgram
 from toolbox import HybridSystem, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields, whole
-from toolbox.modelling import OptionalQuantity, Remembering
+from toolbox.modelling import OptionalQuantity, Stateful
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,12 +76,12 @@ UNIT = 1000.0
 """Unit of the forces in the program [N]."""
 
 
-class PlannedStop(Remembering):
+class PlannedStop(Stateful):
     """A designed `BrakeMPC`: a callable (t, y) -> force with a memory. The unknowns are the forces, then the excess over the border, in kN."""
 
     measured_signals = BrakeMPC.measured_signals
     actuated_signals = BrakeMPC.actuated_signals
-    remembers: ClassVar[tuple[str, ...]] = (
+    memory_fields: ClassVar[tuple[str, ...]] = (
         "samples", "last", "normal", "excess", "begin", "friction", "plan", "planned", "speeds",
     )  # fmt: skip
 

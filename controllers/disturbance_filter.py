@@ -10,7 +10,7 @@ import numpy as np
 
 from toolbox import SceneError
 from toolbox.authoring import zero_order_hold
-from toolbox.modelling import Remembering
+from toolbox.modelling import Stateful
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class FilterModel:
     drive_process_noise: float
 
 
-class DisturbanceFilter(Remembering):
+class DisturbanceFilter(Stateful):
     """Estimates z = (x, T) of x' = A x + B u - E T from y = C x, one sample after the other.
 
         z_k = z_k- + L (y_k - C z_k-),   z_(k+1)- = the motion from z_k under the commands that act until then
@@ -42,7 +42,7 @@ class DisturbanceFilter(Remembering):
     Source: B. D. O. Anderson, J. B. Moore, Optimal Filtering, Prentice-Hall 1979.
     """
 
-    remembers: ClassVar[tuple[str, ...]] = ("z", "waiting")
+    memory_fields: ClassVar[tuple[str, ...]] = ("z", "waiting")
 
     def __init__(self, model: FilterModel):
         from scipy.linalg import expm, solve_discrete_are

@@ -95,7 +95,7 @@ class NormalDither(LoadDither):
         return ca.sin(2.0 * ca.pi * self.frequency * time)
 
     def continuous(self, signal):
-        return Equations(gives=self.loaded(signal, self.wave()))
+        return Equations(outputs=self.loaded(signal, self.wave()))
 
     def sampled(self, signal, period):
         return Update(memory={}, outputs=self.loaded(signal, self.wave()))
@@ -200,7 +200,7 @@ class PhasedDither(LoadDither):
         return ca.fmin(ca.fmax((signal(self.speed, self.unit) - self.reference) / self.size, -1.0), 1.0)
 
     def continuous(self, signal):
-        return Equations(gives=self.loaded(signal, self._wave(signal)))
+        return Equations(outputs=self.loaded(signal, self._wave(signal)))
 
     def sampled(self, signal, period):
         return Update(memory={}, outputs=self.loaded(signal, self._wave(signal)))

@@ -132,7 +132,7 @@ class HInfinity(TorqueLimits):
 
     def continuous(self, signal):
         x, angle, rate, turning, command, _ = self._law(signal, None)
-        return Equations(flow={x: rate(x), angle: turning}, gives={"top.torque": (command, "N m")})
+        return Equations(flow={x: rate(x), angle: turning}, outputs={"top.torque": (command, "N m")})
 
     def sampled(self, signal, period):
         x, angle, rate, turning, command, memory = self._law(signal, period)

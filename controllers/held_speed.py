@@ -63,5 +63,5 @@ class HeldSpeed(Controller):
         angle, om = state("held.angle", "rad"), 2.0 * math.pi * self.frequency
         error = signal("disc.reference", "rad/s", default=self.reference) - signal("disc.speed", "rad/s")
         return Equations(
-            flow={angle: error}, gives={"disc.torque": (self.inertia * (2.0 * self.damping * om * error + om**2 * angle), "N m")}
+            flow={angle: error}, outputs={"disc.torque": (self.inertia * (2.0 * self.damping * om * error + om**2 * angle), "N m")}
         )

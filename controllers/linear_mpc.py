@@ -143,7 +143,7 @@ class PlannedLinear(PredictiveLaw):
     def __deepcopy__(self, memo: dict[int, Any]) -> PlannedLinear:
         """A copy for a run of its own, which shares what the design made and no sample changes."""
         twin = copy.copy(self)
-        for name in (*self.remembers, "record", "program", "theta", "vectors"):
+        for name in (*self.memory_fields, "record", "program", "theta", "vectors"):
             setattr(twin, name, copy.deepcopy(getattr(self, name), memo))
         return twin
 

@@ -122,7 +122,7 @@ class LQR(TorqueLimits):
         angle = state("lqr.angle", "rad")
         wanted, error = self._feedback(signal, angle)
         command, _ = self.limited(wanted)
-        return Equations(flow={angle: self._rate(error, wanted, command)}, gives={"top.torque": (command, "N m")})
+        return Equations(flow={angle: self._rate(error, wanted, command)}, outputs={"top.torque": (command, "N m")})
 
     def sampled(self, signal, period):
         angle = state("lqr.angle", "rad")

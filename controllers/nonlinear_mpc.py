@@ -98,7 +98,7 @@ class NonlinearMPC(Predictive):
 class PlannedNonlinear(PredictiveLaw):
     """A designed `NonlinearMPC`; `torques`, `states`, `modes` are the plan of the last sample, `value` its cost, `strength` the factor on the rock's torque."""
 
-    remembers: ClassVar[tuple[str, ...]] = (*PredictiveLaw.remembers, "torques", "strength", "turning")
+    memory_fields: ClassVar[tuple[str, ...]] = (*PredictiveLaw.memory_fields, "torques", "strength", "turning")
 
     def __init__(self, law: NonlinearMPC, plant: HybridSystem):
         from controllers import condensing

@@ -81,7 +81,7 @@ class PI(TorqueLimits):
         error = signal("top.reference", "rad/s", default=self.reference) - signal("top.speed", "rad/s")
         wanted = self.proportional * error + self.integral * angle
         command, _ = self.limited(wanted)
-        return Equations(flow={angle: self.led_back(error, wanted, command, self.proportional)}, gives={"top.torque": (command, "N m")})
+        return Equations(flow={angle: self.led_back(error, wanted, command, self.proportional)}, outputs={"top.torque": (command, "N m")})
 
     def sampled(self, signal, period):
         angle = state("pi.angle", "rad")

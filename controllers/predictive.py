@@ -16,7 +16,7 @@ from controllers.torque_limits import TorqueLimits
 from controllers.watchdog import Watchdog
 from toolbox import HybridSystem, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields, whole
-from toolbox.modelling import OptionalQuantity, Quantities, Remembering
+from toolbox.modelling import OptionalQuantity, Quantities, Stateful
 
 MOST_LATE = 1000
 """Commands on their way, in samples, that a law can remember."""
@@ -128,7 +128,7 @@ class Record:
         )
 
 
-class SoftDrive(Remembering):
+class SoftDrive(Stateful):
     """The drive that stands in: PI on the top speed with the impedance of the string, started from the torque that was.
 
         proportional = sqrt(k J_b),   integral = proportional sqrt(k / J_b) / 5
@@ -136,7 +136,7 @@ class SoftDrive(Remembering):
     The integral is slow, a fifth of the string's own frequency, so that the impedance stays where the string swings; see `controllers.ZTorque`.
     """
 
-    remembers: ClassVar[tuple[str, ...]] = ("acts", "offset")
+    memory_fields: ClassVar[tuple[str, ...]] = ("acts", "offset")
 
     def __init__(self, law: Predictive, plant: HybridSystem):
         try:
@@ -160,7 +160,7 @@ class SoftDrive(Remembering):
         self.acts, self.offset = False, 0.0
 
 
-class PredictiveLaw(Remembering):
+class PredictiveLaw(Stateful):
     """A designed predictive law: a callable (t, y) -> torque with a memory. `plan` of a subclass makes the torques, or None with a reason.
 
     y: the sensors, then the torque that is held at the top and `top.reference`, which may be left out: no torque acts, and the set-point stays what it was. At
@@ -169,7 +169,7 @@ class PredictiveLaw(Remembering):
 
     measured_signals: tuple[str, ...]
     actuated_signals = ("top.torque",)
-    remembers: ClassVar[tuple[str, ...]] = ("filter", "drive", "watchdog", "reference", "started")
+    memory_fields: ClassVar[tuple[str, ...]] = ("filter", "drive", "watchdog", "reference", "started")
 
     def __init__(self, law: Predictive, plant: HybridSystem, model: StringModel, A: np.ndarray):
         check_fields(law)
@@ -247,7 +247,7 @@ def sensor_rows(plant: HybridSystem, sensors: tuple[str, ...]) -> np.ndarray:
     """Rows that give the sensors from the states of the string; raises SceneError for one that is unknown or not linear in the states."""
     rows = []
     for name in sensors:
-        found = plant.rows(name)
+        found = plant.state_index(name)
         if found is not None and found[1] is None:
             rows.append(np.eye(plant.x.numel())[found[0]])
             continue

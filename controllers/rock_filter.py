@@ -39,8 +39,8 @@ class RockFilter(DisturbanceFilter):
     slope at a speed > 0;  turning: estimated speed above which a bit turns.
     """
 
-    remembers: ClassVar[tuple[str, ...]] = (
-        *DisturbanceFilter.remembers, "spread_root", "mean", "turned", "surprise", "xi", "doubt_root", "sliding",
+    memory_fields: ClassVar[tuple[str, ...]] = (
+        *DisturbanceFilter.memory_fields, "spread_root", "mean", "turned", "surprise", "xi", "doubt_root", "sliding",
     )  # fmt: skip
 
     def __init__(

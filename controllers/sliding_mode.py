@@ -143,7 +143,7 @@ class SlidingMode(SlidingSurface):
         command, _ = self.limited(wanted)
         return Equations(
             flow={angle: self.taken_up(rate, wanted, command)},
-            gives={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
+            outputs={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
         )
 
     def sampled(self, signal, period):
@@ -196,6 +196,6 @@ class IdealSlidingMode(SlidingSurface):
         relay = Relay("slidingmode", s, self.inertia * self.reaching_rate, surface_unit="rad/s", force_unit="N m")
         return Equations(
             flow={angle: rate},
-            gives={"top.torque": (equivalent + relay.force, "N m"), "slidingmode.surface": (s, "rad/s")},
+            outputs={"top.torque": (equivalent + relay.force, "N m"), "slidingmode.surface": (s, "rad/s")},
             elements=[relay],
         )

@@ -31,8 +31,8 @@ class StringModel:
 def string_model(plant: HybridSystem) -> StringModel:
     """The matrices of a plant with `top.torque`, `top.speed`, `top.load`, `bit.speed` and the contact `bit`, whose own law is left out.
 
-    Other friction along the string is left out as well, and so are actuators that stand between laws and string (parts with `routes`). Raises SceneError
-    for a plant without these signals, and for one that is not linear.
+    Other friction along the string is left out as well, and so are actuators that stand between laws and string (parts with
+    `redirected_signals`). Raises SceneError for a plant without these signals, and for one that is not linear.
     """
     plant = without_actuators(plant)
     for name in ("top.torque", "top.speed", "top.load", "bit.speed", "bit.force"):
@@ -151,5 +151,5 @@ def drilling_point(plant: HybridSystem, speed: float) -> tuple[StringModel, np.n
 
 def without_actuators(plant: HybridSystem) -> HybridSystem:
     """The plant as a law on `top.torque` and `top.speed` sees it, without the parts that stand between."""
-    parts = [part for part in plant.parts if not part.routes]
+    parts = [part for part in plant.parts if not part.redirected_signals]
     return plant if len(parts) == len(plant.parts) else compose(*parts)

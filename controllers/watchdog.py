@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from toolbox.modelling import Remembering
+from toolbox.modelling import Stateful
 
 STANDING = 0.2
 """Part of the set-point below which the mean speed of the top is a standstill."""
@@ -26,7 +26,7 @@ STANDS = "the top stands and the string is not wound up further"
 SWINGS = "the motor swings between its limits"
 
 
-class Watchdog(Remembering):
+class Watchdog(Stateful):
     """Tells in each sample why the soft drive must act, or an empty text.
 
         mean' = (value - mean) / patience      of top speed, string torque, and of the times at the lowest and at the highest torque
@@ -39,7 +39,7 @@ class Watchdog(Remembering):
     period, patience: in s;  lowest, highest: limits of the torque in N m, None where there is none, and then no swing is seen.
     """
 
-    remembers: ClassVar[tuple[str, ...]] = (
+    memory_fields: ClassVar[tuple[str, ...]] = (
         "speed", "load", "held", "stood", "at_lowest", "at_highest", "left", "times", "swings",
     )  # fmt: skip
 

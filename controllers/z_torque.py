@@ -123,7 +123,7 @@ class ZTorque(TorqueLimits):
         error, wanted, acceleration = self._wanted(signal, f, z)
         command, _ = self.limited(wanted)
         rate = self.led_back(error, wanted, command, self.back_calculation)
-        return Equations(flow={f: acceleration, z: rate}, gives={"top.torque": (command, "N m")})
+        return Equations(flow={f: acceleration, z: rate}, outputs={"top.torque": (command, "N m")})
 
     def sampled(self, signal, period):
         f, z = state("ztorque.speed", "rad/s"), state("ztorque.angle", "rad")

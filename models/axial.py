@@ -86,7 +86,7 @@ class AxialChain(Component):
             gives["hook.load"] = (free_weight + tension[0], "N")
         return Equations(
             flow={**({stretch: rate} if springs else {}), speed: force / mass},
-            gives=gives,
+            outputs=gives,
             stored=ca.dot(mass, speed**2) / 2 + ca.dot(stiffness, stretch**2) / 2,
             losses={"damping": ca.dot(damping, rate**2), "drag": self.drag * ca.dot(mass, speed**2)},
             supplies={"hook": -pulls[0] * ends[0], "bit weight": -weight_on_bit * speed[-1]},

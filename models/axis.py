@@ -33,7 +33,7 @@ def _moved(signal, part, length):
         flow[y] = (v - y) / part.filter_time
     return Equations(
         flow=flow,
-        gives=gives,
+        outputs=gives,
         elements=[rub],
         stored=body * v**2 / 2,
         losses={"friction": -rub.force * v},

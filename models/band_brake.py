@@ -34,8 +34,8 @@ class Wound(FrictionLaw):
     def sliding(self, speed, *beyond):
         return self._gain(self.lining.sliding(speed, *beyond))
 
-    def breaks(self):
-        return self.lining.breaks()
+    def break_speeds(self):
+        return self.lining.break_speeds()
 
     def breakaway(self):
         return self._gain(self.lining.breakaway())

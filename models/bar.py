@@ -83,7 +83,7 @@ class OscillatorOnBar(Component):
                 q: r,
                 r: -(2 * self.loss * w * r + w**2 * q) - bar.force * shape / modal_mass,
             },
-            gives={"oscillator.bar_speed": (surface, "m/s")},
+            outputs={"oscillator.bar_speed": (surface, "m/s")},
             elements=[bar],
             stored=self.mass * v**2 / 2 + self.stiffness * x**2 / 2 + modal_mass * (ca.dot(r, r) + ca.dot(w**2, q**2)) / 2,
             losses={

@@ -128,7 +128,7 @@ class Guide(Component):
         v = signal("block.speed", "m/s")
         guide = DryFriction("guide", v - self.belt_speed, self.friction, signal("guide.load", "N", default=self.load))
         return Equations(
-            gives={"guide.drag": (-guide.force, "N"), "block.attachment": (guide.force, "N")},
+            outputs={"guide.drag": (-guide.force, "N"), "block.attachment": (guide.force, "N")},
             elements=[guide],
             losses={"friction": -guide.force * (v - self.belt_speed)},
             supplies={"drive": guide.force * self.belt_speed, "block": -guide.force * v},
@@ -285,7 +285,7 @@ class Absorber(Component):
         pull = self.stiffness * (x - y) + self.damping * (v - w)
         return Equations(
             flow={y: w, w: pull / self.mass},
-            gives={f"{self.attached_to}.attachment": (-pull, "N")},
+            outputs={f"{self.attached_to}.attachment": (-pull, "N")},
             stored=self.mass * w**2 / 2 + self.stiffness * (x - y) ** 2 / 2,
             losses={"damping": self.damping * (v - w) ** 2},
             supplies={self.attached_to: pull * v},

@@ -43,4 +43,4 @@ class BitRock(Component):
         weight = signal("bit.weight", "N", default=self.weight)
         bit = DryFriction("bit", speed, self.friction, weight * self.radius, slip_unit="rad/s", force_unit="N m")
         # the power that enters the rock is what the chain books as its bit torque
-        return Equations(gives={"bit.torque": (-bit.force, "N m")}, elements=[bit])
+        return Equations(outputs={"bit.torque": (-bit.force, "N m")}, elements=[bit])

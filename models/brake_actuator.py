@@ -49,7 +49,7 @@ class BrakeActuator(Component):
     piston_area: OptionalQuantity = quantity(None, "m2", "area A of the pistons that press one pad", above=0, typical_range=(1e-5, 0.1))
 
     @property
-    def routes(self):
+    def redirected_signals(self):
         """Signals that the actuator redirects: controllers that give `brake.force` are connected to `actuator.command`."""
         return {"brake.force": f"{self.name or 'actuator'}.command"}
 
@@ -71,4 +71,4 @@ class BrakeActuator(Component):
         rate = (asked - force) / self.lag
         if self.rate_limit is not None:
             rate = ca.fmin(ca.fmax(rate, -self.rate_limit), self.rate_limit)
-        return Equations(flow={force: rate}, gives=gives)
+        return Equations(flow={force: rate}, outputs=gives)

@@ -63,7 +63,7 @@ FASTEST = 1e4
 class _Bristle(Relay):
     """The relay of one bristle under the names of what it does: it slips where the relay slides."""
 
-    legend: Mapping[int, str] = {0: "slip", -1: "stick", 1: "beyond"}
+    mode_names: Mapping[int, str] = {0: "slip", -1: "stick", 1: "beyond"}
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class BristleContact(Component):
         each = {f"plate.{i}.force": (force[i], "N") for i in range(n)} | {f"plate.{i}.slip": (slider_slip[i], "m/s") for i in range(n)}
         return Equations(
             flow={z: slip - slider_slip},
-            gives={"plate.drag": (drag, "N"), "plate.stuck": (sum(relay.mode**2 for relay in relays) / n, "1")} | each,
+            outputs={"plate.drag": (drag, "N"), "plate.stuck": (sum(relay.mode**2 for relay in relays) / n, "1")} | each,
             elements=relays,
             stored=self.stiffness / n * ca.sumsqr(z) / 2,
             losses={"friction": -ca.dot(force, slider_slip)},

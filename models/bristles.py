@@ -45,7 +45,7 @@ class Bristle(FrictionLaw):
         return self.stiffness * ca.sumsqr(z) / 2, {name: power for name, power in losses.items() if not ca.SX(power).is_zero()}
 
     def check(self):
-        if self.steady.memory(1) or self.steady.breaks():
+        if self.steady.memory(1) or self.steady.break_speeds():
             raise SceneError(f"Argument `steady` must be a law without memory and without jumps, but it is {self.steady!r}.")
         if not float(self.steady.breakaway()) > 0:
             raise SceneError(f"Argument `steady` must have a static friction > 0, at which bristles yield, but it is {self.steady!r}.")

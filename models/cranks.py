@@ -26,7 +26,7 @@ def _turned(signal, inertia, mass, damping, friction, place, angle, speed):
     pull = torque - damping * speed - mass * lever * ca.jacobian(lever, angle) * speed**2 + lever * guide.force
     return Equations(
         flow={angle: speed, speed: pull / whole},
-        gives={"slider.position": (place, "m"), "slider.speed": (lever * speed, "m/s")},
+        outputs={"slider.position": (place, "m"), "slider.speed": (lever * speed, "m/s")},
         elements=[guide],
         stored=whole * speed**2 / 2,
         losses={"guide": -guide.force * lever * speed, "drag": damping * speed**2},

@@ -54,7 +54,7 @@ class FrictionDamper(Component):
         pull = self.stiffness * stretch + self.damping * (v - w)
         return Equations(
             flow={stretch: v - w, w: (pull + damper.force) / self.slider_mass},
-            gives={"block.attachment": (-pull, "N")},
+            outputs={"block.attachment": (-pull, "N")},
             elements=[damper],
             stored=self.slider_mass * w**2 / 2 + self.stiffness * stretch**2 / 2,
             losses={"friction": -damper.force * w, "spring damping": self.damping * (v - w) ** 2},

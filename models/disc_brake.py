@@ -123,7 +123,7 @@ class DiscBrake(Component):
                 v: (grip + attachment - self.stiffness * x - self.damping * v) / self.pad_mass,
                 **flow,
             },
-            gives={"brake.torque": (torque, "N m"), **gives},
+            outputs={"brake.torque": (torque, "N m"), **gives},
             elements=pads,
             stored=self.inertia * w**2 / 2 + self.pad_mass * v**2 / 2 + self.stiffness * x**2 / 2,
             losses={"friction": grip * slip, "caliper": self.damping * v**2},

@@ -113,7 +113,7 @@ class DiskStack(Component):
                 z: v,
                 v: (ca.vertcat(actuator - self.actuator_force, growth) - ca.vertcat(growth, behind) - self.axial_damping * v) / mass,
             },
-            gives={"stack.brake_torque": (brake, "N m"), "stack.load": (load, "N")},
+            outputs={"stack.brake_torque": (brake, "N m"), "stack.load": (load, "N")},
             elements=contacts,
             stored=self.wheel_inertia * wheel**2 / 2
             + ca.dot(inertia, speed**2) / 2

@@ -194,7 +194,7 @@ class PressedDisks(Component):
                 z2: v2,
                 v2: (faces.force - self.axial_stiffness * z2 - self.axial_damping * v2) / self.stator_mass,
             },
-            gives={"disks.normal_force": (faces.force, "N")},
+            outputs={"disks.normal_force": (faces.force, "N")},
             elements=[faces, *turning.elements],
             stored=turning.stored
             + self.rotor_mass * v1**2 / 2

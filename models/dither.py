@@ -129,7 +129,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     element = plant.element(contact)
     slip, frequency = number("slip", slip, above=0), number("frequency", frequency, "Hz", above=0)
     place = plant.elements.index(element)
-    if element.law is None or element.law.breaks():
+    if element.law is None or element.law.break_speeds():
         raise SceneError(f"Argument `contact` must have a friction law without breaks, but `{contact}` has {element.law!r}.")
     speed = ca.SX.sym("speed")
     declared: list[Any] = [plant.p, plant.u, plant.x, plant.t]
@@ -140,7 +140,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
                 *numbers, np.ones(len(plant.elements)), np.zeros(len(plant.elements))
             )
         )
-        for value in (element.load, plant.switching.gain[place, place])
+        for value in (element.load, plant.switched_equations.gain[place, place])
     )
     law = _AtNumbers(speed, ca.substitute(ca.SX(element.law.sliding(speed)), plant.p, ca.SX(plant.values)))
 

@@ -134,7 +134,7 @@ class DragBit(Component):
         along = ca.DM(slopes[1:, 1:]) @ profile + ca.DM(slopes[1:, 0]) * ca.fmin(profile[-1], 0)
         return Equations(
             flow={profile: axial_speed - passing * along},
-            gives={
+            outputs={
                 "bit.torque": (torque, "N m"),
                 "bit.weight": (self.inclination * self.specific_energy * self.radius * cut + flat_weight, "N"),
                 "bit.cut_depth": (depth, "m"),

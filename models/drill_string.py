@@ -139,7 +139,7 @@ class TorsionalChain(Component):
         gives["bit.inertia"] = (self.inertia[-1], "kg m2")
         return Equations(
             flow={twist: slip, speed: push / inertia},
-            gives=gives,
+            outputs=gives,
             elements=list(contacts.values()),
             stored=ca.dot(inertia, speed**2) / 2 + ca.dot(stiffness, twist**2) / 2,
             losses=losses,

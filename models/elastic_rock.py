@@ -61,7 +61,7 @@ class ElasticRock(Component):
         bottom = UnilateralContact("bit.bottom", position + lift, axial_speed + lift_rate, stiffness=self.stiffness, damping=self.damping)
         return Equations(
             flow=flow,
-            gives={"bit.weight": (bottom.force, "N")},
+            outputs={"bit.weight": (bottom.force, "N")},
             elements=[bottom],
             stored=bottom.stored,
             losses={"rock": bottom.loss},

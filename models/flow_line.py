@@ -146,7 +146,7 @@ class FlowLine(Component):
                 p: (before - q) / compliance,
                 q: (p - after - drop) / inertance,
             },
-            gives={"line.inlet_pressure": (p[0], "Pa"), "line.outlet_flow": (q[-1], "m3/s")},
+            outputs={"line.inlet_pressure": (p[0], "Pa"), "line.outlet_flow": (q[-1], "m3/s")},
             elements=contacts,
             stored=ca.dot(compliance, p**2) / 2 + ca.dot(inertance, q**2) / 2,
             losses=losses,
@@ -184,7 +184,7 @@ class OutletRCR(Component):
         pressure = self.proximal * flow + p
         return Equations(
             flow={p: (flow - p / self.distal) / self.compliance},
-            gives={"line.outlet_pressure": (pressure, "Pa")},
+            outputs={"line.outlet_pressure": (pressure, "Pa")},
             stored=self.compliance * p**2 / 2,
             losses={"proximal": self.proximal * flow**2, "distal": p**2 / self.distal},
             supplies={"line": pressure * flow},

@@ -146,7 +146,7 @@ class Drop(_Falling):
     def sliding(self, speed, beyond):
         return self.static - (self.static - self.kinetic) * beyond
 
-    def breaks(self):
+    def break_speeds(self):
         return (self.drop_speed,)
 
 
@@ -322,8 +322,8 @@ class Viscous(FrictionLaw):
     def sliding(self, speed, *beyond):
         return self.dry.sliding(speed, *beyond) + self.viscous * speed
 
-    def breaks(self):
-        return self.dry.breaks()
+    def break_speeds(self):
+        return self.dry.break_speeds()
 
     def breakaway(self):
         return self.dry.breakaway()
@@ -358,8 +358,8 @@ class TwoWay(FrictionLaw):
     def sliding(self, speed, *beyond):
         return self.forward.sliding(speed, *beyond)
 
-    def breaks(self):
-        return self.forward.breaks()
+    def break_speeds(self):
+        return self.forward.break_speeds()
 
     def breakaway(self):
         return self.forward.breakaway()

@@ -329,7 +329,7 @@ class GearNetwork(Component):
             entries(f"gears.{field}", given or (), size, f", one for each of `gears.{of}`")
 
     @property
-    def routes(self) -> Mapping[str, str]:
+    def redirected_signals(self) -> Mapping[str, str]:
         """Signals that the network redirects: controllers of a top drive are connected to the node `driven`."""
         return {} if self.driven is None else {"top.torque": f"{self.driven}.torque", "top.speed": f"{self.driven}.speed"}
 
@@ -402,7 +402,7 @@ class GearNetwork(Component):
         supplies |= {name: -torque[name] * w[name] for name in outside}
         return Equations(
             flow=flow,
-            gives={f"{name}.speed": (w[name], "rad/s") for name in self.nodes}
+            outputs={f"{name}.speed": (w[name], "rad/s") for name in self.nodes}
             | {f"{name}.torque": (torque[name], "N m") for name in outside},
             elements=contacts,
             stored=stored + ca.dot(ca.vertcat(*self.inertia), speed**2) / 2,

@@ -79,7 +79,7 @@ class HandArm(Component):
         force = stiffness * compression + damping * rate
         return Equations(
             flow={compression: rate, speed: (force[:-1] - force[1:]) / mass},
-            gives={f"{self.attached_to}.force": (-force[0], "N"), "hand.force": (force[0], "N")},
+            outputs={f"{self.attached_to}.force": (-force[0], "N"), "hand.force": (force[0], "N")},
             stored=ca.dot(mass, speed**2) / 2 + ca.dot(stiffness, compression**2) / 2,
             losses={"damping": ca.dot(damping, rate**2)},
             supplies={"handle": force[0] * held},

@@ -115,7 +115,7 @@ class HystereticBitRock(Component):
         else:
             torque = resisting(bit.mode * load, base, width, self.beta1, inertia)
         bit.load, bit.sliding = ca.SX(1), torque
-        return Equations(gives={"bit.torque": (-bit.force, "N m")}, elements=[bit])
+        return Equations(outputs={"bit.torque": (-bit.force, "N m")}, elements=[bit])
 
 
 @dataclass(frozen=True)
@@ -153,4 +153,4 @@ class SmoothHystereticBitRock(SmoothBitRock):
         weight = signal("bit.weight", "N", default=self.weight)
         torque = smooth_torque(self, weight, speed)
         width = self.beta0 * ca.fabs(torque)
-        return Equations(gives={"bit.torque": (resisting(load, torque, width, self.beta1, inertia), "N m")})
+        return Equations(outputs={"bit.torque": (resisting(load, torque, width, self.beta1, inertia), "N m")})

@@ -194,7 +194,7 @@ class WhirlingCollar(Component):
         moment = self.radius * rub.force + e * (force[0] * sin - force[1] * cos)
         return Equations(
             flow={phi: speed, displacement: velocity, velocity: force / self.mass},
-            gives={
+            outputs={
                 "collar.torque": (moment, "N m"),
                 "collar.y": (centre[0], "m"),
                 "collar.z": (centre[1], "m"),

@@ -76,7 +76,7 @@ class PlateContact(Component):
         load = signal("plate.load", "N", default=self.load)
         plate = DryFriction("plate", v - plate_speed, self.friction, load)
         return Equations(
-            gives={"plate.drag": (plate.force, "N")},
+            outputs={"plate.drag": (plate.force, "N")},
             elements=[plate],
             losses={"friction": -plate.force * (v - plate_speed)},
             supplies={"plate drive": plate.force * plate_speed, "slider": -plate.force * v},

@@ -40,7 +40,7 @@ class SmoothBitRock(Component):
     def equations(self, signal):
         speed = signal("bit.speed", "rad/s")
         weight = signal("bit.weight", "N", default=self.weight)
-        return Equations(gives={"bit.torque": (smooth_torque(self, weight, speed), "N m")})
+        return Equations(outputs={"bit.torque": (smooth_torque(self, weight, speed), "N m")})
 
 
 def smooth_torque(law, weight: ca.SX, speed: ca.SX) -> ca.SX:

@@ -77,7 +77,7 @@ class SquealingPad(Component):
                 v: (pad.force - self.damping * v - k_xx * x - k_xy * y) / self.mass,
                 w: (-self.damping * w - k_xy * x - k_yy * y) / self.mass,
             },
-            gives={"pad.normal_force": (normal, "N")},
+            outputs={"pad.normal_force": (normal, "N")},
             elements=[pad],
             stored=self.mass * (v**2 + w**2) / 2 + (k_xx * x**2 + 2 * k_xy * x * y + k_yy * y**2) / 2,
             losses={"friction": -pad.force * (v - self.disc_speed), "damping": self.damping * (v**2 + w**2)},

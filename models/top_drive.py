@@ -83,7 +83,7 @@ class TopDrive(Component):
             )
 
     @property
-    def routes(self):
+    def redirected_signals(self):
         """Signals that the drive redirects: controllers that use `top.torque` and `top.speed` are connected to `drive.command` and `drive.speed`."""
         own = self.name or "drive"
         return {"top.torque": f"{own}.command", "top.speed": f"{own}.speed"}
@@ -150,7 +150,7 @@ class TopDrive(Component):
             gives = {"drive.speed": (measured, "rad/s")} | gives
         return Equations(
             flow=flow,
-            gives=gives,
+            outputs=gives,
             elements=elements,
             stored=stored,
             losses=losses,

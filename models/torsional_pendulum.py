@@ -47,7 +47,7 @@ class TorsionalPendulum(Component):
         load = tau - self.bit_drag * speed
         return Equations(
             flow={twist: top - speed, speed: (load - torque) / self.inertia},
-            gives={
+            outputs={
                 "bit.speed": (speed, "rad/s"),
                 "top.load": (tau, "N m"),
                 "bit.free_acceleration": (load / self.inertia, "rad/s2"),

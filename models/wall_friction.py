@@ -60,7 +60,7 @@ class WallContact(Component):
         drag, torque = -wall.force[0], -self.radius * wall.force[1]
         # the chains book the power that leaves them at their lower ends
         gives = {"wall.drag": (drag, "N"), "wall.torque": (torque, "N m"), "bit.weight": (drag, "N"), "bit.torque": (torque, "N m")}
-        return Equations(gives=gives, elements=[wall])
+        return Equations(outputs=gives, elements=[wall])
 
 
 def sliding_resultant(

@@ -260,6 +260,46 @@ ENTRIES = (
     Entry("absorber_limit", "own_inertia", "keep_inertia", "whether the inertia of the drive is not tuned"),
     Entry("impedance", "motion", "speed_signal", "signal of the speed at the top"),
     Entry("impedance", "effort", "torque_signal", "signal of the torque at the top"),
+    # core classes
+    Entry("ClosedLoop", "acting", "differentiable_number", "number with respect to which the equations have a derivative"),
+    Entry("ClosedLoop", "free", "varied_number", "number that has an effect and may vary"),
+    Entry("ClosedLoop", "bare", "without_controllers", "the loop without its controllers"),
+    Entry("ClosedLoop", "but", "replace", "the loop with other values of some fields"),
+    Entry("ClosedLoop", "changes_in_time", "depends_on_time", "whether time itself enters the equations"),
+    Entry("ClosedLoop", "closed", "assembly", "plant with its controllers as parts, and their clocks"),
+    Entry("ClosedLoop", "continuous", "continuous_loop", "the loop with every controller in its continuous form"),
+    Entry("ClosedLoop", "sampled", "is_sampled", "whether a controller of the loop samples"),
+    Entry("ClosedLoop", "kinds", "input_kinds", "how each input is given"),
+    Entry("ClosedLoop", "values", "input_values", "{input: its checked value}"),
+    Entry("ClosedLoop", "overridden", "overriding_inputs", "{parameter without effect: the input that takes its place}"),
+    Entry("ClosedLoop Scene", "standstill", "standstill_speed", "value of the judged signal at which the machine stands"),
+    Entry("Scene", "contact", "judged_contact", "contact whose sticking is judged"),
+    Entry("Scene", "judges", "judged_names", "names of the judged contact and signal, in words"),
+    Entry("Scene", "keys", "settings", "{key of the scene file: value in SI}"),
+    Entry("Scene", "needs", "dependencies", "parts of the plant on which the metrics depend"),
+    Entry("HybridSystem", "forces", "force_function", "casadi Function of the forces of the elements"),
+    Entry("HybridSystem", "slips", "slip_function", "casadi Function of the slips of the elements"),
+    Entry("HybridSystem", "leaders", "shared_modes", "frictions that have the mode of another friction on the same slip"),
+    Entry("HybridSystem", "must_hold", "parameter_check", "function that refuses numbers with which the forces cannot act"),
+    Entry("HybridSystem", "no_element", "unknown_element_error", "error of a name that is no element"),
+    Entry("HybridSystem", "rows", "state_index", "first row, size and unit of a state"),
+    Entry("HybridSystem", "switch", "element_modes", "number of an element, and the names of its modes"),
+    Entry("HybridSystem", "switching", "switched_equations", "fields, forces and guards with modes as input"),
+    Entry("HybridSystem", "told", "typed_units", "{unit: unit that was typed} of the scene of a plant"),
+    Entry("HybridSystem", "varying", "with_time_varying", "the plant with parameters as inputs"),
+    Entry("HybridSystem", "with_forces", "substitute_forces", "expression with the forces of the elements put in"),
+    Entry("HybridSystem Component", "routes", "redirected_signals", "{signal that controllers name: signal that takes its place}"),
+    Entry("Element", "legend", "mode_names", "{mode: name}"),
+    Entry("Element", "watched", "event_field", "field of the expression whose sign switches an element"),
+    Entry("Element", "expressions", "expression_fields", "fields that hold casadi expressions"),
+    Entry("Element", "one_way", "is_unilateral", "whether the force that holds a slip has one sign"),
+    Entry("Equations", "gives", "outputs", "{signal: (expression, unit)}"),
+    Entry("FrictionLaw", "breaks", "break_speeds", "slip speeds at which a friction law jumps"),
+    Entry("Update", "external", "from_callable", "whether the values come from a Python callable"),
+    Entry("Observer", "estimator", "create_estimator", "make the estimator of an observer that is no casadi expression"),
+    Entry("Stateful", "remembers", "memory_fields", "attributes that are the memory of an object"),
+    Entry("toolbox.modelling", "Remembering", "Stateful", "object whose memory can be saved and restored"),
+    Entry("Sampled", "measured_by", "with_sensor_units", "the controller with noise and resolution as numbers"),
     # groups of plants and protocols of the lowest set-point
     Entry("group", "declared", "nominal", "plant with its nominal values"),
     Entry("group", "real", "noisy", "noise, and 10 % more weight"),
@@ -338,9 +378,10 @@ def new_names_only(function: Callable[Arguments, Found]) -> Callable[Arguments, 
     return checked
 
 
-def new_field(kind: type, word: str) -> str:
-    """Return the name now of a field of a class; the same word where it was never renamed."""
-    return next((NOW[each.__name__, word] for each in kind.__mro__ if (each.__name__, word) in NOW), word)
+def new_field(kind: type | str, word: str) -> str:
+    """Return the name now of a field of a class, or of the class with this name; the same word if it was never renamed."""
+    names = [kind] if isinstance(kind, str) else [each.__name__ for each in kind.__mro__]
+    return next((NOW[name, word] for name in names if (name, word) in NOW), word)
 
 
 class Renamed:

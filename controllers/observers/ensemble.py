@@ -36,7 +36,7 @@ class Ensemble(Observer):
         whole("seed", self.seed, 0)
         check_fields(self.knowledge)
 
-    def estimator(self, plant: HybridSystem) -> EnsembleEstimator:
+    def create_estimator(self, plant: HybridSystem) -> EnsembleEstimator:
         """The estimator for the plant."""
         return EnsembleEstimator(self, plant)
 

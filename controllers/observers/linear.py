@@ -151,7 +151,7 @@ class StringObserver(Observer):
 
     def continuous(self, signal):
         x, rate, estimates = self._equations(signal)
-        return Equations(flow={x: rate(x)}, gives=estimates)
+        return Equations(flow={x: rate(x)}, outputs=estimates)
 
     def sampled(self, signal, period):
         x, rate, estimates = self._equations(signal)

@@ -53,7 +53,7 @@ class MovingHorizon(Observer):
         if self.solver not in SOLVERS:
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 
-    def estimator(self, plant: HybridSystem) -> HorizonFilter:
+    def create_estimator(self, plant: HybridSystem) -> HorizonFilter:
         """The estimator for the plant."""
         return HorizonFilter(self, plant)
 
@@ -61,7 +61,7 @@ class MovingHorizon(Observer):
 class HorizonFilter(DisturbanceFilter):
     """A designed `MovingHorizon`: `estimate(y)` at a sample, then `predict(command)`."""
 
-    remembers: ClassVar[tuple[str, ...]] = (*DisturbanceFilter.remembers, "measured", "pushed", "begun")
+    memory_fields: ClassVar[tuple[str, ...]] = (*DisturbanceFilter.memory_fields, "measured", "pushed", "begun")
 
     def __init__(self, observer: MovingHorizon, plant: HybridSystem):
         check_fields(observer)

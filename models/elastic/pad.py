@@ -87,7 +87,7 @@ class ElasticPad(Component):
             supplies["push"] = push * v[self._body.index(self.force_ports)]
         return Equations(
             flow={q: v, v: inner + ca.DM(compliance[:, places]) @ forces},
-            gives={"pad.normal_force": (normal, "N"), "pad.friction_force": (drag, "N")},
+            outputs={"pad.normal_force": (normal, "N"), "pad.friction_force": (drag, "N")},
             elements=[*touch, *pad],
             stored=(ca.bilin(ca.DM(self._body.mass), v, v) + ca.bilin(ca.DM(self._body.stiffness), q, q)) / 2
             + sum(contact.stored for contact in touch),

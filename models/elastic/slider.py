@@ -78,7 +78,7 @@ class ElasticSlider(Component):
         stuck = sum(load * (1 - contact.mode**2) for load, contact in zip(self.loads, plate, strict=True))
         return Equations(
             flow={z: ca.DM(np.linalg.inv(shift)) @ v, v: inner + ca.DM(compliance[:, [held, *contacts]]) @ forces},
-            gives={
+            outputs={
                 "slider.position": (z[held], "m"),
                 "slider.speed": (v[held], "m/s"),
                 "plate.drag": (drag, "N"),

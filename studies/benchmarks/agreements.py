@@ -153,13 +153,13 @@ def borders(draw: np.random.Generator) -> str:
     loop = drawn.loop.at("top.reference", value)
     start = rested(drawn, value)
     start["chain.speed"] = np.append(start["chain.speed"][:-1], (1.0 + 1e-3) * start["chain.speed"][-1])
-    calm = simulate(loop.but(start=start), 200.0 * drawn.swing)
+    calm = simulate(loop.replace(start=start), 200.0 * drawn.swing)
     sticks = bool(measure.stick_intervals(calm, "bit", 150.0 * drawn.swing))
     regimes = found.regimes(value)
     if sticks and "smooth" in regimes and "stick-slip" not in regimes:
         return "wrong: sticks where only smooth running is said to be"
     if not sticks and "smooth" not in regimes and math.isfinite(found.end):
-        late = simulate(loop.but(start=start), 1000.0 * drawn.swing)
+        late = simulate(loop.replace(start=start), 1000.0 * drawn.swing)
         if not measure.stick_intervals(late, "bit", 800.0 * drawn.swing):
             return "wrong: smooth where smooth running is said to be lost"
     return AGREE

@@ -176,7 +176,7 @@ def in_python(law: Any, carried_out: Any) -> tuple[str, str]:
 
 def gains(random: np.random.Generator, loop: ClosedLoop) -> dict[str, float]:
     """Other numbers of the controller of a loop, by name."""
-    values, known = loop.closed.system, loop.numbers()
+    values, known = loop.assembly.system, loop.numbers()
     names = [entry for entry in values.parameters.values() if not loop.plant.has_parameter(entry.name) and entry.size is None]
     # no sample time, and nothing that a design reads
     names = [entry for entry in names if entry.name in known and known[entry.name].kind is PARAMETER]
@@ -187,7 +187,7 @@ def gains(random: np.random.Generator, loop: ClosedLoop) -> dict[str, float]:
 def accepted(loop: ClosedLoop, row: Mapping[str, float]) -> bool:
     """Whether Python accepts the numbers, as numbers of a loop that is designed already."""
     try:
-        loop.but(parameters=dict(row)).closed  # noqa: B018
+        loop.replace(parameters=dict(row)).assembly  # noqa: B018
     except SceneError:
         return False
     return True
@@ -196,7 +196,7 @@ def accepted(loop: ClosedLoop, row: Mapping[str, float]) -> bool:
 def in_lanes(loop: ClosedLoop, duration: float, rows: list[dict[str, float]], random: np.random.Generator) -> Iterator[tuple[str, str]]:
     """Lanes of one controller with other numbers each, against runs alone."""
     names = sorted({name for row in rows for name in row})
-    system = loop.closed.system
+    system = loop.assembly.system
     table = [{name: row.get(name, float(system.parameter(name))) for name in names} for row in rows]
     table = [row for row in table if accepted(loop, row)]
     if not table:
@@ -218,7 +218,7 @@ def in_lanes(loop: ClosedLoop, duration: float, rows: list[dict[str, float]], ra
             yield "nan", f"lane of {row}"
         elif random.random() < 0.2:
             try:
-                simulate(loop.but(parameters=row), duration, method="explicit")
+                simulate(loop.replace(parameters=row), duration, method="explicit")
                 alone = True
             except SimulationError:
                 alone = False

@@ -249,8 +249,8 @@ def scene_read(path: Path) -> Any:
     """All keys of a scene, which it has again when it is saved and loaded."""
     scene = Scene.load(path)
     again = Scene.load(scene.save(path.with_name("again.toml")))
-    assert repr(again.keys()) == repr(scene.keys())
-    return repr(scene.keys())
+    assert repr(again.settings()) == repr(scene.settings())
+    return repr(scene.settings())
 
 
 def journal_file(folder: Path) -> Path:

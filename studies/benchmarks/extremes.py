@@ -212,11 +212,11 @@ def _numbers(case: Extreme) -> tuple[np.ndarray, np.ndarray]:
 def scipy_events(case: Extreme, times: np.ndarray) -> np.ndarray:
     plant, p = case.plant, case.plant.values
     start, u = _numbers(case)
-    bounds = plant.function("static_bounds", plant.switching.static, "static")
+    bounds = plant.function("static_bounds", plant.switched_equations.static, "static")
     if any(e.rigid for e in plant.elements):
         raise NotImplementedError("no impacts")
     zero = [0] * len(plant.elements)
-    project = plant.function("projected", plant.switching.projected, "stopped")
+    project = plant.function("projected", plant.switched_equations.projected, "stopped")
 
     def stop(y: np.ndarray, i: int) -> None:
         modes = [1] * len(plant.elements)
@@ -225,8 +225,8 @@ def scipy_events(case: Extreme, times: np.ndarray) -> np.ndarray:
 
     machine = reference.Plant(
         rate=lambda t, y, modes: np.array(plant.rhs(t, y, u, p, modes)).ravel(),
-        slip=lambda y: np.array(plant.slips(0.0, y, u, p, zero)).ravel().tolist(),
-        hold=lambda t, y: np.array(plant.forces(t, y, u, p, zero)).ravel().tolist(),
+        slip=lambda y: np.array(plant.slip_function(0.0, y, u, p, zero)).ravel().tolist(),
+        hold=lambda t, y: np.array(plant.force_function(t, y, u, p, zero)).ravel().tolist(),
         static=np.array(bounds(0.0, start, u, p, zero)).ravel().tolist(),
         stop=stop, contacts=[e.name for e in plant.elements], size=np.maximum(np.abs(start), case.speed), max_step=case.duration / 50, start=start.tolist(),
     )  # fmt: skip
@@ -240,7 +240,7 @@ def smeared(case: Extreme) -> tuple[ca.Function, np.ndarray]:
     plant = smoothed(case.plant, 1e-4 * case.speed, matched=False)
     start, u = _numbers(case)
     field = ca.substitute(
-        plant.switching.field, ca.vertcat(plant.u, plant.p, plant.m), ca.vertcat(u, plant.values, np.ones(plant.m.numel()))
+        plant.switched_equations.field, ca.vertcat(plant.u, plant.p, plant.m), ca.vertcat(u, plant.values, np.ones(plant.m.numel()))
     )
     return ca.Function("rate", [plant.t, plant.x], [field]), start
 

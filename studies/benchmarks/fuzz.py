@@ -249,7 +249,7 @@ def _scene(random: np.random.Generator, label: str) -> Structure:
     case = scene.cases[random.integers(len(scene.cases))]
     loop = scene[case.label]
     arguments = {"start": loop.start, "inputs": loop.inputs, "controller": loop.controllers or None}
-    return Structure(f"{label} {path.stem}: {case.label}", loop.closed.plant, min(scene.duration, 20.0), arguments)
+    return Structure(f"{label} {path.stem}: {case.label}", loop.assembly.plant, min(scene.duration, 20.0), arguments)
 
 
 def structure(seed: int, number: int) -> Structure:

@@ -88,7 +88,7 @@ def ramped(well: Well, end: float, outwards: float) -> float:
         values = end * (1.0 + outwards * np.array([inside, inside, -0.01, 0.01, 0.03]))
         pace = np.array([30.0, 1.0, 10.0]) * RATE * end
         times = np.cumsum([0.0, 100.0 * well.swing, *(np.abs(np.diff(values[1:])) / pace)])
-        run = simulate(well.loop.but(inputs={"top.reference": (times, values)}, start=start or {}), times[-1])
+        run = simulate(well.loop.replace(inputs={"top.reference": (times, values)}, start=start or {}), times[-1])
         sticks = [event.time for event in run.events if event.element == "bit" and event.before == "stick"]
         last += [float(np.interp(sticks[-1], times, values))] if sticks else []
     return max(last, key=lambda value: value * outwards, default=math.nan)
@@ -122,7 +122,7 @@ def growth(well: Well, value: float) -> float:
     """Rate at which a disturbance of 1e-4 of steady running grows, from what is left of it after forty swings and after eighty [1/s]."""
     loop, start = well.loop.at("top.reference", value), rested(well, value)
     start["chain.speed"] = np.append(start["chain.speed"][:-1], (1.0 + 1e-4) * start["chain.speed"][-1])
-    run = simulate(loop.but(start=start), 80.0 * well.swing, accuracy=1e-9)
+    run = simulate(loop.replace(start=start), 80.0 * well.swing, accuracy=1e-9)
     sizes = [np.ptp(run.at(np.linspace(k - 10.0, k, 2001) * well.swing)["bit.speed"]) for k in (40.0, 80.0)]
     return math.log(sizes[1] / sizes[0]) / (40.0 * well.swing)
 

@@ -187,4 +187,4 @@ def _of_others(given: Trial, plant: Any, in_c: bool) -> Iterator[tuple[str, str]
 def _after(plant: Any, row: Any) -> str:
     """The mode behind a switch in lanes."""
     element, modes = row
-    return plant.elements[element].legend[int(np.ravel(modes)[-1])]
+    return plant.elements[element].mode_names[int(np.ravel(modes)[-1])]

@@ -123,7 +123,7 @@ def measured(name: str, case: Case) -> WorkPrecision:
     signals = tuple(case.loop.system.states)
     trade = work_precision(case.loop, case.duration, signals=signals)
     truth = simulate(case.loop, case.duration, accuracy=1e-12, method="explicit").at(grid)
-    rows = [truth.program.system.rows(signal)[:2] for signal in signals]
+    rows = [truth.program.system.state_index(signal)[:2] for signal in signals]
 
     def error(states: np.ndarray) -> float:
         worst = 0.0

@@ -42,7 +42,7 @@ class TanhRock(Component):
         speed = signal("bit.speed", "rad/s")
         shape = tanh(speed / self.epsilon)
         mu = law.kinetic + (law.static - law.kinetic) * exp(-law.decay * fabs(speed))
-        return Equations(gives={"bit.torque": (load * mu * shape, "N m")})
+        return Equations(outputs={"bit.torque": (load * mu * shape, "N m")})
 
 
 def peak(epsilon):

@@ -125,7 +125,7 @@ class Case:
         """Smooth running over the set-point."""
         loop, number = self.loop, self.loop.number(PARAMETER)
         try:
-            followed = EquilibriumBranch(loop.continuous.system, loop.continuous.number(PARAMETER), {}, None)
+            followed = EquilibriumBranch(loop.continuous_loop.system, loop.continuous_loop.number(PARAMETER), {}, None)
         except SceneError:
             followed = None
         return SmoothBranch(Request(loop, 1.0).checked(), lambda value: [(number, value)], followed)
@@ -134,7 +134,7 @@ class Case:
     def exact(self) -> float:
         """Loss by the Hopf point of a continuous loop, or by the matrix of a sampled one; nan where there is neither [rad/s]."""
         near = self.onset.loss
-        if not self.loop.sampled:
+        if not self.loop.is_sampled:
             return min(
                 (point.value for point in hopf_points(self.loop, PARAMETER, self.between)),
                 key=lambda value: abs(value - near),
@@ -184,7 +184,7 @@ class Case:
     @property
     def followed(self) -> float:
         """The bifurcation of a followed cycle that is next to the end; nan under a sampled law [rad/s]."""
-        if self.loop.sampled:
+        if self.loop.is_sampled:
             return math.nan
         inside, found = self.onset.loss - 0.05, []
         for start in (None, self.kicked(inside, GROWN)):

@@ -13,8 +13,9 @@ at that depth; robust where it does so on every rig and at every phase.
 Distance. For every law that eases and several margins: the longest stopping distance from 30 km/h at 2.5 m/s2 (13.9 m planned), nominal and over all errors,
 at two phases; "groans" where a pad does.
 
-What comes out: up to a margin of 0.8 the eased constant force, PI and sliding mode are silent on every machine at 2.5 m/s2, the PI up to 0.9; the MPC groans on one
-of them at every margin, at 0.8 where the car is a fifth heavier. Bolder margins stop sooner on the nominal machine (sliding mode 15.36 m at 0.7, 14.79 m at 1).
+What comes out: up to a margin of 0.8 the eased constant force, PI and sliding mode are silent on every machine at 2.5 m/s2, the PI up to 0.9; the MPC groans on
+one of them at every margin, at 0.8 where the car is a fifth heavier. Bolder margins stop sooner on the nominal machine (sliding mode 15.36 m at 0.7,
+14.79 m at 1).
 Dither of Leine's block keeps the worst swing about a half (0.45 to 0.51) at 3.3 to 3.7 natural frequencies, whatever is 20 % off,
 and that of the disc brake at none.
 

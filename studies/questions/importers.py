@@ -90,7 +90,7 @@ def under_changes(loop: ClosedLoop, change: float, duration: float) -> list[Swit
         factors = {value: 1.0 + change * draw.uniform(-1.0, 1.0) for value in sorted({abs(value) for value in values.values() if value})}
         changed = {name: value * factors[abs(value)] for name, value in values.items() if value}
         try:
-            run = simulate(loop.but(parameters=dict(loop.parameters) | changed), method="explicit", accuracy=1e-10)
+            run = simulate(loop.replace(parameters=dict(loop.parameters) | changed), method="explicit", accuracy=1e-10)
         except SceneError:  # a number that is whole, or at its bound
             continue
         found.append(after_begin(switches_of(run), duration))

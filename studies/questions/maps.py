@@ -87,7 +87,7 @@ class Dither(Component):
 
     def equations(self, signal):
         force = self.amplitude * ca.cos(self.frequency * time)
-        return Equations(gives={"dither.force": (force, "N"), "block.force": (force, "N")})
+        return Equations(outputs={"dither.force": (force, "N"), "block.force": (force, "N")})
 
 
 def averaged_slope(velocity: float, belt_speed: float) -> float:
@@ -121,7 +121,7 @@ class Turning(Component):
 
     def equations(self, signal):
         speed = ca.SX(self.speed)
-        return Equations(gives={"string.turning": (speed, "rad/s"), "collar.speed": (speed, "rad/s")})
+        return Equations(outputs={"string.turning": (speed, "rad/s"), "collar.speed": (speed, "rad/s")})
 
 
 COLLAR = WhirlingCollar(weight=100e3, restitution=0.3)

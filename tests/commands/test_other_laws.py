@@ -26,7 +26,7 @@ def test_a_study_of_a_stop_under_a_law_that_holds_the_speed_judges_steady_runnin
     assert main(["study", BRAKE, "--law", "HeldSpeed", "--out", str(tmp_path)]) == 0
     (row,) = csv.DictReader((tmp_path / "table.csv").read_text().splitlines())
     assert (row["controller"], row["verdict"]) == ("HeldSpeed", "stick-slip")  # it groans at 1 rad/s
-    assert Scene.load(tmp_path / "scene.toml").standstill is None
+    assert Scene.load(tmp_path / "scene.toml").standstill_speed is None
 
 
 def test_the_law_runs_at_the_set_point_of_the_scene():
@@ -36,7 +36,7 @@ def test_the_law_runs_at_the_set_point_of_the_scene():
 
 def test_what_is_asked_is_what_a_scene_with_the_law_and_the_input_says(tmp_path):
     own = tmp_path / "held.toml"
-    text = Path(BRAKE).read_text().replace('standstill = "0.1 rad/s"\n', "")
+    text = Path(BRAKE).read_text().replace('standstill_speed = "0.1 rad/s"\n', "")
     own.write_text(text + '[inputs]\n"brake.force" = "1.2 kN"\n[[controllers]]\nlabel = "HeldSpeed"\nlaw = "HeldSpeed"\n')
     found, written = asked("brake_stop", "HeldSpeed", ["brake.force=1.2 kN"]), Scene.load(own)
     assert found == written and found.display_units == written.display_units  # in the unit that was typed

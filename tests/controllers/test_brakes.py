@@ -254,7 +254,7 @@ def test_the_verdict_of_a_stop_ends_at_standstill_and_does_not_call_a_standing_w
     assert [row.verdict for row in rows.values()] == ["stick-slip", "free", "free"]
     assert rows["constant force"].stuck > 0.02 and rows["eased force"].stuck == 0.0
     assert rows["eased force"].settling > rows["constant force"].settling > 2.0
-    without = study.verdict_row(dataclasses.replace(scene, standstill=None), "eased force")[0]
+    without = study.verdict_row(dataclasses.replace(scene, standstill_speed=None), "eased force")[0]
     assert without.verdict != "free"  # the wheel that stands
     late = study.verdict_row(dataclasses.replace(scene, duration=1.0), "constant force")[0]
     assert late.verdict == "does not stand" and late.settling == math.inf
@@ -263,7 +263,7 @@ def test_the_verdict_of_a_stop_ends_at_standstill_and_does_not_call_a_standing_w
 
 def test_a_scene_of_a_stop_is_the_same_after_a_round_trip(root, tmp_path):
     scene = shipped(root, "brake_laws")
-    assert scene.standstill == 0.1
+    assert scene.standstill_speed == 0.1
     assert Scene.load(scene.save(tmp_path / "saved.toml")) == scene
 
 

@@ -22,7 +22,7 @@ LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
 
 @pytest.mark.parametrize("window", [1, 6, 25])
 def test_without_limits_it_is_the_stationary_kalman_filter_whatever_its_window(window):
-    seen = MovingHorizon(window=window, **FREE).estimator(RIG)
+    seen = MovingHorizon(window=window, **FREE).create_estimator(RIG)
     F, C = seen.whole, seen.rows
     unit = np.array([1.0, 1.0, 1.0, 1e4])  # torques in 10 kN m, for a well-scaled equation
     L, _, _ = control.dlqe(
@@ -70,7 +70,7 @@ def test_in_stick_slip_its_limits_make_it_better_than_the_filter_and_than_a_filt
 def test_limits_that_are_not_reached_change_nothing_and_a_heavier_rock_is_found():
     point = {"chain.speed": (10.0, 10.0), "chain.twist": 18.0}
     run = simulate(RIG, 30.0, controller=StiffPI(reference=14.0), sample_time=0.05, start=point, inputs={"bit.weight": 1.1 * 97_347.0})
-    limited, free = (observer.estimator(RIG) for observer in (MovingHorizon(), MovingHorizon(**FREE)))
+    limited, free = (observer.create_estimator(RIG) for observer in (MovingHorizon(), MovingHorizon(**FREE)))
     for k, instant in enumerate(run.at(np.arange(600) * 0.05)["top.speed"]):
         seen, plain = (each.estimate(np.array([instant])) for each in (limited, free))
         if k > 300:  # the memory of a start that both take for rest has faded

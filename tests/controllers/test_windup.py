@@ -33,7 +33,7 @@ class Jammed(Component):
     def equations(self, signal):
         torque, speed = signal("top.torque", "N m", default=0.0), ca.SX(self.speed)
         gives = {"top.speed": (speed, "rad/s"), "bit.speed": (speed, "rad/s"), "top.load": (torque, "N m")}
-        return Equations(flow={state("jammed.angle", "rad"): self.speed}, gives=gives)
+        return Equations(flow={state("jammed.angle", "rad"): self.speed}, outputs=gives)
 
 
 PLANT = compose(Jammed())

@@ -45,9 +45,9 @@ def sticks(loop, after=400.0, duration=600.0):
 def test_the_verdicts_are_those_of_long_runs(loop, found):
     own = found["soft torque"]
     starts = TakenOver(StiffPI(), 2).on(loop).values
-    assert own.starts["takeover"].held == sum(not sticks(loop.but(start=start)) for start in starts)
+    assert own.starts["takeover"].held == sum(not sticks(loop.replace(start=start)) for start in starts)
     assert own.starts["step"].passed == (not sticks(loop))
-    ramp = loop.but(inputs={"top.reference": ((0.0, 30.0), (0.14, 7.0))})
+    ramp = loop.replace(inputs={"top.reference": ((0.0, 30.0), (0.14, 7.0))})
     assert own.starts["ramp"].passed == (not sticks(ramp))
     assert own.own_period == pytest.approx(7.3, abs=0.3)
     assert own.starts["connection"].runs == 3 and own.errors.runs == 4

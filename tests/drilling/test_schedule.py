@@ -68,7 +68,7 @@ def test_one_law_over_depth_ends_stick_slip_where_that_of_no_single_depth_does()
         other = closed_loop(well(bad[0]), law(depth))
         stuck = simulate(well(bad[0]), 60.0, controller=StiffPI(reference=SPEED))
         state = {name: stuck.at(60.0)[name] for name in ("chain.twist", "chain.speed")}
-        held = simulate(other.but(start=state), 120.0).time_in("bit", "stick", after=84.0)
+        held = simulate(other.replace(start=state), 120.0).time_in("bit", "stick", after=84.0)
         assert held > 1.0, depth
     for each in found.checked:
         assert each.disk_margin == pytest.approx(

@@ -27,7 +27,7 @@ class Yielding(Controller):
     def continuous(self, signal):
         angle = state("yielding.angle", "rad")
         error = signal("top.reference", "rad/s", default=self.reference) - signal("top.speed", "rad/s")
-        return Equations(flow={angle: error}, gives={"top.torque": (self.damping * error + self.stiffness * angle, "N m")})
+        return Equations(flow={angle: error}, outputs={"top.torque": (self.damping * error + self.stiffness * angle, "N m")})
 
     def sampled(self, signal, period):
         angle = state("yielding.angle", "rad")

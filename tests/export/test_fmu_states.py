@@ -78,7 +78,7 @@ def test_a_state_of_another_unit_or_another_kind_of_instance_is_refused(units, v
     unit = Instance(units[version]).started()
     raw = state_functions(unit)[2](state_functions(unit)[0]())
     other = Instance(
-        export_fmu(LOOP.but(inputs={"bit.weight": 5e4}), tmp_path / "other.fmu", part="loop", duration=1.0, version=version)
+        export_fmu(LOOP.replace(inputs={"bit.weight": 5e4}), tmp_path / "other.fmu", part="loop", duration=1.0, version=version)
     ).started()
     with pytest.raises(Exception, match="erialize"):
         state_functions(other)[3](raw)
@@ -121,7 +121,7 @@ def test_a_step_at_a_wrong_time_is_refused_and_the_unit_has_not_moved(units, ver
 def test_numbers_that_python_refuses_are_refused_and_none_of_the_call_is_set(units, version, numbers):
     parameters = {name: value for name, value in numbers.items() if name != "bit.weight"}
     with pytest.raises(SceneError):
-        simulate(LOOP.but(parameters=parameters, inputs={name: value for name, value in numbers.items() if name == "bit.weight"}), 0.0)
+        simulate(LOOP.replace(parameters=parameters, inputs={name: value for name, value in numbers.items() if name == "bit.weight"}), 0.0)
     unit = Instance(units[version]).begin()
     names = ("bit.weight", "pi.proportional", "pi.integral", "pi.lowest_torque", "pi.highest_torque", "bit.friction.kinetic")
     before = unit.get(*names).tolist()

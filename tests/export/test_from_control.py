@@ -83,7 +83,7 @@ class Leaning(Controller):
 
     def continuous(self, signal):
         z, y = state("leaning.sum", "rad"), signal("top.speed", "rad/s")
-        return Equations(flow={z: 9.0 - y}, gives={"top.torque": (self._drive(signal, z), "N m")})
+        return Equations(flow={z: 9.0 - y}, outputs={"top.torque": (self._drive(signal, z), "N m")})
 
     def sampled(self, signal, period):
         z, y = state("leaning.sum", "rad"), signal("top.speed", "rad/s")

@@ -271,7 +271,7 @@ def test_every_scene_of_equations_switches_as_it_does_in_simulate(tmp_path, name
     loop = scene[scene.cases[0].label]
     run = simulate(loop, method="explicit")
     found = CompiledMachine(export_c(loop, tmp_path / name, part="loop")[0])
-    followers = loop.system.leaders  # frictions on one slip are one element in C
+    followers = loop.system.shared_modes  # frictions on one slip are one element in C
     listed = SimpleNamespace(events=[event for event in run.events if event.element not in followers])
     same_switches(found.run(loop.duration), listed, max(1e-9, 10.0 * run.accuracy))
 

@@ -215,7 +215,7 @@ def test_variables_have_units_bounds_and_start_values_and_one_name_is_one_variab
 
 
 def test_numbers_set_before_the_start_hold_from_the_start_and_states_too(units):
-    loop = PLAIN.but(parameters={"bit.friction.static": 0.7}, start={"chain.speed.3": 2.0})
+    loop = PLAIN.replace(parameters={"bit.friction.static": 0.7}, start={"chain.speed.3": 2.0})
     run = simulate(loop, 10.0)
     unit = Instance(units("plain")).started(**{"bit.friction.static": 0.7, "chain.speed.3": 2.0})
     assert unit.get("chain.speed.3") == 2.0

@@ -81,7 +81,7 @@ def test_lanes_end_where_single_runs_end(name):
     number = inertia(loop)
     values = [part * loop.plant.parameter(number) for part in (0.7, 1.0, 1.3)]
     found = sweep(loop, {number: values}, DURATION, metrics={"end": metrics.final("shaft.speed")}, accuracy=TIGHT)
-    single = [simulate(loop.but(parameters={number: value}), DURATION, accuracy=TIGHT)["shaft.speed"][-1] for value in values]
+    single = [simulate(loop.replace(parameters={number: value}), DURATION, accuracy=TIGHT)["shaft.speed"][-1] for value in values]
     np.testing.assert_allclose(found["end"], single, rtol=0, atol=1e-8)
 
 
@@ -123,7 +123,8 @@ def test_sensitivities_are_differences_of_runs(name):
     number = inertia(loop)
     value = loop.plant.parameter(number)
     ends = [
-        simulate(loop.but(parameters={number: value * part}), DURATION, accuracy=1e-12)["shaft.speed"][-1] for part in (1 - 1e-6, 1 + 1e-6)
+        simulate(loop.replace(parameters={number: value * part}), DURATION, accuracy=1e-12)["shaft.speed"][-1]
+        for part in (1 - 1e-6, 1 + 1e-6)
     ]
     exact = sensitivity(simulate(loop, DURATION, accuracy=1e-11), number)["shaft.speed"][-1]
     assert float(np.ravel(exact)[0]) == pytest.approx((ends[1] - ends[0]) / (2e-6 * value), rel=1e-5)
@@ -156,7 +157,7 @@ def test_an_inertia_is_found_again_by_a_fit(name):
     seen = simulate(loop, 2.0, accuracy=TIGHT).at(times)
     noise = 1e-4 * np.random.default_rng(1).normal(size=times.size)
     log = {"time": times, "drive.torque": seen["drive.torque"], "shaft.speed": seen["shaft.speed"] + noise}
-    found = fit(loop.but(parameters={number: 1.1 * value}), log, number, {number: (0.5 * value, 2 * value)}, starts=1)
+    found = fit(loop.replace(parameters={number: 1.1 * value}), log, number, {number: (0.5 * value, 2 * value)}, starts=1)
     assert float(found.values[0]) == pytest.approx(value, rel=5e-3)
 
 

@@ -42,7 +42,7 @@ PLAIN, LEANING = closed_loop(compose(Pressed())), closed_loop(compose(Pressed(le
 def test_a_step_refuses_it_as_simulate_does(when):
     table = ([0.0, when, when, 10.0], [0.0, 0.0, -3.0, -3.0]) if when else -3.0
     with pytest.raises(SimulationError, match=rf"bound of `belt` must be >= 0, but it is -2 at t = {when:g} s"):
-        simulate(PLAIN.but(inputs={"pad.force": table}), 10.0)
+        simulate(PLAIN.replace(inputs={"pad.force": table}), 10.0)
     machine = stepper(PLAIN, 0.1, inputs="pad.force", outputs="block.speed", duration=10.0)
     machine.reset()
     while machine.time < when - 1e-9:
@@ -79,7 +79,7 @@ def test_an_environment_refuses_it():
 
 def test_a_load_that_the_force_of_another_friction_makes_negative_is_told_where_it_does():
     with pytest.raises(SimulationError, match="bound of `wedge` must be >= 0, but it is -0.2485"):  # where the belt sticks
-        simulate(LEANING.but(inputs={"pad.force": -2.3}), 10.0)
+        simulate(LEANING.replace(inputs={"pad.force": -2.3}), 10.0)
     assert simulate(LEANING, 10.0).end == 10.0
     machine = stepper(LEANING, 0.1, inputs="pad.force", duration=10.0)
     with pytest.raises(SimulationError, match="the bound of `wedge` is negative"):

@@ -38,7 +38,7 @@ def test_a_reset_begins_anew_with_other_seeds_and_starts():
     assert np.abs(episode(seed=5) - first).max() > 1.0
     other = episode(seed=0, start={"chain.speed.1": 3.0})
     assert other[0, 0] == 3.0 and first[0, 0] == 0.0
-    run = simulate(loop.but(start={"chain.speed": (0.0, 3.0)}), 5.0)
+    run = simulate(loop.replace(start={"chain.speed": (0.0, 3.0)}), 5.0)
     np.testing.assert_allclose(other[1:, 0], run.at(np.linspace(0.1, 5.0, 50))["bit.speed"], atol=1e-4)
 
 

@@ -151,7 +151,7 @@ def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name, method
     plant, duration, ranges, arguments = PLANTS[name]
     count = 21  # not a multiple of any width
     parameters = {key: spread(*bounds, count) for key, bounds in ranges.items()}
-    sticks = [element.name for element in plant.elements if element.legend.get(0) == "stick"]
+    sticks = [element.name for element in plant.elements if element.mode_names.get(0) == "stick"]
     asked = [metrics.time_in(name) for name in sticks]
     found = batch(plant, duration, parameters, count, metrics=asked, most_events=2000, method=method, **arguments)
     assert (found.statuses == 0).all()
@@ -163,7 +163,7 @@ def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name, method
             changed["controller"] = PI(reference=own.pop("pi.reference"))
         run = simulate(plant, duration, parameters=own, method="explicit", **changed)
         names = [element.name for element in run.program.system.elements]
-        legends = {element.name: {word: mode for mode, word in element.legend.items()} for element in run.program.system.elements}
+        legends = {element.name: {word: mode for mode, word in element.mode_names.items()} for element in run.program.system.elements}
         assert found.switches[s] == len(run.events)
         events = range(len(run.events))
         assert [names[found.event_elements[s, e]] for e in events] == [event.element for event in run.events]

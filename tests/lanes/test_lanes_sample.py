@@ -138,7 +138,7 @@ class Oscillator(Component):
     def equations(self, signal):
         x, v = state("mass.position", "m"), state("mass.speed", "m/s")
         push = signal("mass.push", "m/s2", default=0.0)
-        return Equations(flow={x: v, v: push - self.frequency**2 * x}, gives={"mass.wave": (ca.cos(self.waves * x), "1")})
+        return Equations(flow={x: v, v: push - self.frequency**2 * x}, outputs={"mass.wave": (ca.cos(self.waves * x), "1")})
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class Flagged(Oscillator):
     def equations(self, signal):
         made = super().equations(signal)
         flag = ca.if_else(next(iter(made.flow)) > self.level, 1.0, 0.0)
-        return dataclasses.replace(made, gives={"mass.above": (flag, "1")})
+        return dataclasses.replace(made, outputs={"mass.above": (flag, "1")})
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def task_of(name, runs, accuracy=1e-6, measured=True):
             asked += [metrics.minimum(signal, *window), metrics.maximum(signal, *window), metrics.mean(signal, *window)]
         asked += [metrics.final(signal), metrics.severity(signal, after, until=until)]
     if element:
-        mode = run.system.elements[[e.name for e in run.system.elements].index(element)].legend[0]
+        mode = run.system.elements[[e.name for e in run.system.elements].index(element)].mode_names[0]
         asked += [metrics.time_in(element, after, until, mode=mode), metrics.stuck_ratio(element, after)] if mode == "stick" else []
         asked += [metrics.stays(element, after, until, mode=mode), metrics.events(element)]
     return Task(run, varied_numbers(run, variations)[0], tuple(asked) if measured else ())
@@ -243,7 +243,7 @@ def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name):
     for s in (0, 7, 15, 16, 20):
         run = carry_out(single(task, s))
         names = [element.name for element in run.program.system.elements]
-        legends = {element.name: {word: mode for mode, word in element.legend.items()} for element in run.program.system.elements}
+        legends = {element.name: {word: mode for mode, word in element.mode_names.items()} for element in run.program.system.elements}
         assert found.switches[s] == len(run.events)
         events = range(len(run.events))
         assert [names[found.event_elements[s, e]] for e in events] == [event.element for event in run.events]

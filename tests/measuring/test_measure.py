@@ -371,7 +371,7 @@ class Falling(Component):
 
     def equations(self, signal):
         x = state("water.height", "m")
-        return Equations(flow={x: ca.SX(-1.0)}, gives={"water.outflow": (ca.sqrt(ca.fmax(x, 0.0)), "m/s")})
+        return Equations(flow={x: ca.SX(-1.0)}, outputs={"water.outflow": (ca.sqrt(ca.fmax(x, 0.0)), "m/s")})
 
 
 def test_a_signal_whose_slope_is_infinite_has_the_mean_of_its_closed_form():

@@ -150,13 +150,13 @@ def test_a_number_that_only_the_design_knows_designs_the_law_anew():
     assert detuned.number("pi.proportional").value == pytest.approx(LOOP.number("pi.proportional").value / 2, rel=1e-14)
     assert closed_loop(LOOP, parameters={"softtorque.detuning": 2.0}) == detuned
     with pytest.raises(SceneError, match=r"`softtorque.detuning` must be an input or a parameter for `hopf_points`, but only the design"):
-        LOOP.acting("softtorque.detuning", "hopf_points")
+        LOOP.differentiable_number("softtorque.detuning", "hopf_points")
 
 
 def test_a_sample_time_is_a_number_by_which_the_law_is_sampled():
     """Both the clock and the formulas of the law know it."""
     slower = LOOP.at("softtorque.sample_time", "20 ms")
-    assert slower.closed.clocks == [(0.02, 0.0)] and slower.system.parameter("pi.sample_time") == 0.02
+    assert slower.assembly.clocks == [(0.02, 0.0)] and slower.system.parameter("pi.sample_time") == 0.02
     assert (
         slower
         == closed_loop(LOOP, SoftTorque(reference="45 rpm"), sample_time="20 ms")
@@ -178,9 +178,9 @@ def test_a_parameter_that_an_input_overrides_says_so():
     loop = closed_loop(RIG, PI(reference=8.0))
     assert loop.number("pi.reference").overridden is None
     given = loop.at("top.reference", 6.0)
-    assert given.number("pi.reference").overridden == "top.reference" and given.overridden == {"pi.reference": "top.reference"}
+    assert given.number("pi.reference").overridden == "top.reference" and given.overriding_inputs == {"pi.reference": "top.reference"}
     assert "pi.reference has no effect, because the input top.reference takes its place" in str(given) and "no effect" not in str(loop)
-    for verb in (lambda: given.free("pi.reference"), lambda: toolbox.sweep(given, {"pi.reference": [5.0, 6.0]}, 1.0)):
+    for verb in (lambda: given.varied_number("pi.reference"), lambda: toolbox.sweep(given, {"pi.reference": [5.0, 6.0]}, 1.0)):
         with pytest.raises(
             SceneError, match=r"`pi.reference` must have an effect to be varied, but the input `top.reference` takes its place"
         ):
@@ -201,13 +201,13 @@ def test_numbers_out_of_bounds_and_unknown_names_are_refused():
 
 
 def test_a_loop_may_stand_for_its_limit_of_fast_sampling():
-    assert not LOOP.continuous.sampled and LOOP.sampled and LOOP.continuous.controllers == (LOOP.controllers[0].law,)
+    assert not LOOP.continuous_loop.is_sampled and LOOP.is_sampled and LOOP.continuous_loop.controllers == (LOOP.controllers[0].law,)
     rest = equilibrium(LOOP)
     assert rest["top.speed"] == pytest.approx(45 * math.pi / 30, rel=1e-9)
     with pytest.raises(SceneError, match="must hold laws in their continuous form"):
         LOOP.unsampled()
     with pytest.raises(SceneError, match="continuous form"):
-        _ = closed_loop(RIG, proportional, sample_time=0.1).continuous
+        _ = closed_loop(RIG, proportional, sample_time=0.1).continuous_loop
 
 
 def test_what_is_no_loop_is_refused_and_a_former_call_shows_the_new_line():

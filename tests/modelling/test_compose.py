@@ -78,7 +78,7 @@ def test_a_name_that_would_break_the_names_of_signals_is_refused(name):
 
 
 def test_a_signal_that_a_part_gives_reaches_the_parts_that_need_it_in_any_order():
-    source = part(lambda self, signal: Equations(gives={"source.value": (3.0 + 0 * time, "1")}))()
+    source = part(lambda self, signal: Equations(outputs={"source.value": (3.0 + 0 * time, "1")}))()
     for parts in ((source, lag("lag", "source.value")), (lag("lag", "source.value"), source)):
         run = simulate(compose(*parts), 20.0, accuracy=1e-9)
         assert run.at(20.0)["lag.x"] == pytest.approx(3.0, rel=1e-8)
@@ -86,8 +86,8 @@ def test_a_signal_that_a_part_gives_reaches_the_parts_that_need_it_in_any_order(
 
 
 def test_a_chain_of_signals_is_resolved_through_parts_without_states():
-    double = part(lambda self, signal: Equations(gives={"double.out": (2 * signal("first.x", "1"), "1")}))()
-    shift = part(lambda self, signal: Equations(gives={"shift.out": (1 + signal("double.out", "1"), "1")}))()
+    double = part(lambda self, signal: Equations(outputs={"double.out": (2 * signal("first.x", "1"), "1")}))()
+    shift = part(lambda self, signal: Equations(outputs={"shift.out": (1 + signal("double.out", "1"), "1")}))()
     plant = compose(lag("second", "shift.out"), shift, double, lag("first", "first.in", default=1.0))
     run = simulate(plant, 40.0, accuracy=1e-9)
     assert run.at(40.0)["second.x"] == pytest.approx(3.0, rel=1e-7)
@@ -152,14 +152,14 @@ def test_two_laws_with_a_set_point_of_their_own_follow_that_of_a_part_that_gives
 
         def continuous(self, signal):
             error = signal("top.reference", "rad/s", default=self.reference) - signal("top.speed", "rad/s")
-            return Equations(gives={"bit.weight": (90e3 - 3e3 * error, "N")})
+            return Equations(outputs={"bit.weight": (90e3 - 3e3 * error, "N")})
 
     @dataclass(frozen=True)
     class SetPoint(Component):
         speed: float = quantity(9.0, "rad/s", "set-point")
 
         def equations(self, signal):
-            return Equations(gives={"top.reference": (self.speed, "rad/s")})
+            return Equations(outputs={"top.reference": (self.speed, "rad/s")})
 
     laws = [PI(reference=8.0), Hoist()]
     with pytest.raises(SceneError, match="defaults of their own .* `top.reference`: compose a part that gives it"):
@@ -169,17 +169,17 @@ def test_two_laws_with_a_set_point_of_their_own_follow_that_of_a_part_that_gives
 
 
 def test_two_givers_of_one_signal_are_refused():
-    giver = part(lambda self, signal: Equations(gives={"source.value": (ca.SX(1), "1")}))
+    giver = part(lambda self, signal: Equations(outputs={"source.value": (ca.SX(1), "1")}))
     with pytest.raises(SceneError, match=r"source\.value"):
         compose(giver(), giver(), lag("lag", "source.value"))
 
 
 def test_an_algebraic_loop_is_refused_and_named():
-    a = part(lambda self, signal: Equations(gives={"a.out": (1 + signal("b.out", "1"), "1")}))()
-    b = part(lambda self, signal: Equations(gives={"b.out": (2 * signal("a.out", "1"), "1")}))()
+    a = part(lambda self, signal: Equations(outputs={"a.out": (1 + signal("b.out", "1"), "1")}))()
+    b = part(lambda self, signal: Equations(outputs={"b.out": (2 * signal("a.out", "1"), "1")}))()
     with pytest.raises(SceneError, match=r"a\.out.*b\.out.*algebraic loop"):
         compose(a, b, lag("lag", "a.out"))
-    own = part(lambda self, signal: Equations(gives={"own.out": (0.5 * signal("own.out", "1"), "1")}))()
+    own = part(lambda self, signal: Equations(outputs={"own.out": (0.5 * signal("own.out", "1"), "1")}))()
     with pytest.raises(SceneError, match=r"own\.out.*algebraic loop"):
         compose(own, lag("lag", "own.out"))
 
@@ -218,7 +218,7 @@ def test_only_components_make_a_plant(parts):
 
 def test_a_plant_without_a_state_is_refused():
     with pytest.raises(SceneError, match="state"):
-        compose(part(lambda self, signal: Equations(gives={"source.value": (ca.SX(1), "1")}))())
+        compose(part(lambda self, signal: Equations(outputs={"source.value": (ca.SX(1), "1")}))())
     with pytest.raises(SceneError, match="state"):
         compose(part(lambda self, signal: Equations())())
 
@@ -268,7 +268,7 @@ def with_constant(place, constant):
         pad = DryFriction("pad", x - (constant if place == "slip" else 0), Coulomb(), constant if place == "load" else 1.0)
         return Equations(
             flow={x: (constant if place == "flow" else 0) * x + pad.force},
-            gives={"lag.out": (x * (constant if place == "gives" else 1), "1")},
+            outputs={"lag.out": (x * (constant if place == "gives" else 1), "1")},
             elements=[pad],
             stored=x**2 * (constant if place == "stored" else 1),
             losses={"pad": -pad.force * x * (constant if place == "losses" else 1)},
@@ -569,7 +569,7 @@ def test_a_law_is_checked_again_for_other_numbers_of_the_same_structure():
                 raise SceneError("Argument `low` must be <= `high`.")
 
         def continuous(self, signal):
-            return Equations(gives={"top.torque": (self.low + 0 * self.high, "N m")})
+            return Equations(outputs={"top.torque": (self.low + 0 * self.high, "N m")})
 
         def sampled(self, signal, period):
             return Update({}, {"top.torque": (self.low + 0 * self.high, "N m")})
@@ -690,9 +690,9 @@ def test_the_casadi_functions_of_a_plant_agree_with_its_runs():
         mode = run.mode[k].astype(float)
         u = np.array(plant.input_defaults(plant.values)).ravel()
         u[list(plant.inputs).index("top.torque")] = 12_000.0
-        force = float(plant.forces(run.time[k], run.states[k], u, plant.values, mode))
+        force = float(plant.force_function(run.time[k], run.states[k], u, plant.values, mode))
         assert force == pytest.approx(run["bit.force"][k], rel=1e-12)
-        assert float(plant.slips(run.time[k], run.states[k], u, plant.values, mode)) == run["bit.slip"][k]
+        assert float(plant.slip_function(run.time[k], run.states[k], u, plant.values, mode)) == run["bit.slip"][k]
         if mode[0] == 0:
             assert abs(np.array(plant.rhs(run.time[k], run.states[k], u, plant.values, mode)).ravel()[-1]) < 1e-13
 

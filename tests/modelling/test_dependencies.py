@@ -14,7 +14,7 @@ SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 
 
 def test_every_part_of_a_shipped_drill_string_is_needed():
-    found = Scene.load(SCENES / "jansen_2.toml").needs()
+    found = Scene.load(SCENES / "jansen_2.toml").dependencies()
     assert all("severity" in need.metrics for need in found.parts)
     assert found.warning == ""
     assert found.idle == 0.0
@@ -23,7 +23,7 @@ def test_every_part_of_a_shipped_drill_string_is_needed():
 def test_a_part_that_no_measure_looks_at_is_named_with_its_cost_and_leaving_it_out_changes_nothing():
     rig = Scene.load(SCENES / "jansen_2.toml")
     scene = dataclasses.replace(rig, parts=(*rig.parts, BlockOnBelt()))
-    found = scene.needs()
+    found = scene.dependencies()
     (idle,) = found.unused
     assert (idle.part, idle.states, idle.elements) == ("BlockOnBelt", 2, 1)
     assert 0.1 < found.idle < 0.6
@@ -31,7 +31,7 @@ def test_a_part_that_no_measure_looks_at_is_named_with_its_cost_and_leaving_it_o
     arguments = {"inputs": {"top.torque": 6000.0}, "accuracy": 1e-9}
     alone, beside = (simulate(compose(*parts), 20.0, **arguments) for parts in (rig.parts, scene.parts))
     assert beside.at(20.0)["bit.speed"] == pytest.approx(alone.at(20.0)["bit.speed"], abs=1e-7)
-    assert not scene.needs({"belt": ("block.position",), "bit": ("bit",)}).unused
+    assert not scene.dependencies({"belt": ("block.position",), "bit": ("bit",)}).unused
 
 
 def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_laws():
@@ -60,7 +60,7 @@ def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_
 
 def test_unknown_names_are_errors():
     with pytest.raises(SceneError, match="bit.sped"):
-        Scene.load(SCENES / "jansen_2.toml").needs({"severity": ("bit.sped",)})
+        Scene.load(SCENES / "jansen_2.toml").dependencies({"severity": ("bit.sped",)})
 
 
 @pytest.mark.parametrize("metrics", [["bit.speed"], {"severity": "bit.speed"}])

@@ -297,4 +297,4 @@ def test_a_number_that_stands_nowhere_among_the_parameters_of_a_program_is_told_
         ("bit.weight", "must be given to the loop"),
     ):
         with pytest.raises(SceneError, match=rf"`{name}` .*{why}"):
-            program.place(loop.number(name), loop.values)
+            program.place(loop.number(name), loop.input_values)

@@ -24,7 +24,7 @@ class OnTheBit(Controller):
         return 2000.0 * (wanted - signal("top.speed", "rad/s")) - self.gain * signal("bit.speed", "rad/s")
 
     def continuous(self, signal):
-        return Equations(gives={"top.torque": (self._torque(signal), "N m")})
+        return Equations(outputs={"top.torque": (self._torque(signal), "N m")})
 
     def sampled(self, signal, period):
         return Update({}, {"top.torque": (self._torque(signal) + 0.0 * signal("top.torque", "N m"), "N m")})

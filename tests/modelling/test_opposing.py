@@ -40,7 +40,7 @@ class Dropping(FrictionLaw):
     def sliding(self, speed, beyond):
         return 0.4 + (self.beyond - 0.4) * beyond
 
-    def breaks(self):
+    def break_speeds(self):
         return (3.0,)
 
     def breakaway(self):

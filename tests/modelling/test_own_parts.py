@@ -39,7 +39,7 @@ class Drive(Controller):
         return {self.gives: (self.gain * (8.0 - signal("top.speed", "rad/s")), "N m")} if self.gives else {}
 
     def continuous(self, signal):
-        return Equations(gives=self.outputs(signal))
+        return Equations(outputs=self.outputs(signal))
 
     def sampled(self, signal, period):
         return Update({}, self.outputs(signal))
@@ -120,7 +120,7 @@ def test_a_law_may_drive_what_another_law_needs():
         measured_signals, actuated_signals = (), ("top.reference",)
 
         def continuous(self, signal):
-            return Equations(gives={"top.reference": (3.0, "rad/s")})
+            return Equations(outputs={"top.reference": (3.0, "rad/s")})
 
     assert simulate(RIG, 0.1, controller=[Outer(), Inner()])["top.torque"][0] == 1500.0
 
@@ -164,7 +164,7 @@ def test_what_a_part_lacks_is_named():
     class WithoutUnit(Component):
         def equations(self, signal):
             x = state("part.x", "m")
-            return Equations(flow={x: -x}, gives={"part.twice": 2 * x})
+            return Equations(flow={x: -x}, outputs={"part.twice": 2 * x})
 
     with pytest.raises(SceneError, match="Nothing must have a method `equations"):
         compose(Nothing())

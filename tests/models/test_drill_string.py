@@ -208,6 +208,6 @@ def test_a_string_with_dry_friction_along_it_leaves_its_last_inertia_to_the_rock
     assert all(run.time_in(name, "stick") == 5.0 for name in run.modes)
     # friction of the hole at the last inertia, too, is one friction with the rock: both give way at their sum
     whole = compose(dataclasses.replace(chain, friction_load=(100.0, 100.0, 100.0)), BitRock(weight=1000.0))
-    assert set(whole.leaders) == {"bit"} and whole.leaders["bit"][0] == "chain.2"
+    assert set(whole.shared_modes) == {"bit"} and whole.shared_modes["bit"][0] == "chain.2"
     run = simulate(whole, 5.0, inputs={"top.torque": 90.0})
     assert all(run.time_in(name, "stick") == 5.0 for name in run.modes)

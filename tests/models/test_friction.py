@@ -68,7 +68,7 @@ def test_the_transition_takes_most_of_the_drop_about_its_speed():
 
 def test_the_drop_is_the_limit_of_steep_laws_and_has_one_break():
     law = Drop(static=0.3, kinetic=0.195, drop_speed=1.5)
-    assert law.breaks() == (1.5,)
+    assert law.break_speeds() == (1.5,)
     assert [law.sliding(1.0, beyond) for beyond in (0, 1)] == [0.3, 0.195]
     with pytest.raises(SceneError, match="kinetic"):
         compose(BlockOnBelt(friction=Drop(static=0.1, kinetic=0.2)))

@@ -64,7 +64,7 @@ class _Bearing(Component):
         speed = signal("in.speed", "rad/s")
         law = Tabulated(speeds=(0.0, 100.0), coefficients=(0.5, 50.5), static=0.5)
         bearing = DryFriction("bearing", speed, law, slip_unit="rad/s", force_unit="N m")
-        return Equations(gives={"in.torque": (bearing.force + 10 * ca.sin(2 * ca.pi * time), "N m")}, elements=[bearing])
+        return Equations(outputs={"in.torque": (bearing.force + 10 * ca.sin(2 * ca.pi * time), "N m")}, elements=[bearing])
 
 
 def test_the_lossy_gear_with_a_bearing_switches_as_the_modelica_library_publishes():

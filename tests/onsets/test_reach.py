@@ -29,7 +29,7 @@ def test_a_bistable_point_counts_the_starts_that_reach_its_stick_slip(loop, foun
     counted = {each.start: each for each in found.reached}
     sticks = 0
     for start in under_held_commands(loop):  # 500 s tell: a disturbance of smooth running dies in 9 s
-        run = simulate(loop.but(start=taken_over(loop, start)), 500.0)
+        run = simulate(loop.replace(start=taken_over(loop, start)), 500.0)
         sticks += run.time_in("bit", "stick", after=450.0) > 0.0
     held = counted["the stick-slip under constant commands"]
     assert (held.reached, held.runs) == (sticks, 8)
@@ -61,7 +61,7 @@ def test_stick_slip_over_the_sample_time_ends_below_the_shortest_at_which_a_take
     lasting = {}
     for period in (0.14, 0.15):
         at = loop.at("softtorque.sample_time", period)
-        runs = [simulate(at.but(start=taken_over(at, start)), 3000.0) for start in under_held_commands(at)]
+        runs = [simulate(at.replace(start=taken_over(at, start)), 3000.0) for start in under_held_commands(at)]
         lasting[period] = any(run.time_in("bit", "stick", after=2900.0) > 0.0 for run in runs)
     assert lasting == {0.14: False, 0.15: True}
     found = onset(loop, "softtorque.sample_time", ("100 ms", "300 ms"), values=5)

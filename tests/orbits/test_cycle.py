@@ -69,7 +69,7 @@ def test_a_branch_goes_on_where_the_start_of_its_cycle_has_come_near_a_switch_an
 
 def test_newtons_steps_that_grow_more_than_threefold_are_given_up_after_the_fourth(monkeypatch):
     cycle = limit_cycle(compose(BlockOnBelt(friction=Coulomb(static=1.0, kinetic=0.6))), 300.0)
-    free = cycle.run.run.loop.acting("block.belt_speed", "follow")
+    free = cycle.run.run.loop.differentiable_number("block.belt_speed", "follow")
     walk = ArcWalk(dataclasses.replace(cycle, run=placed(cycle.run, [free])), free, (0.01, 3.0))
     shots, matrix, shot = [], ArcWalk._matrix, ArcWalk._shot
     monkeypatch.setattr(ArcWalk, "_shot", lambda self, u: shots.append(u) or shot(self, u))

@@ -376,7 +376,7 @@ def test_a_stop_tells_of_the_sticks_before_it_stands_and_has_no_map():
     scene = Scene.load(SCENES / "brake_laws.toml")
     with explore(scene, port=0) as served:
         found, told = run(served, "constant force"), ask(served, "scene")["laws"]["constant force"]
-    sticks = sticks_before_standstill(scene.run("constant force"), "pad", "disc.speed", scene.standstill, scene.after)
+    sticks = sticks_before_standstill(scene.run("constant force"), "pad", "disc.speed", scene.standstill_speed, scene.after)
     assert f"sticks {len(sticks)} times" in found["reason"] and f"{max(b - a for a, b in sticks):.3g} s at the longest" in found["reason"]
     assert max(b - a for a, b in sticks) < 0.5 and told["still"] and told["axes"] == []
 
@@ -391,7 +391,7 @@ def test_a_stop_tells_its_way_and_what_its_contact_sounds_like_until_it_stands()
         )
     told = dict(found["measures"])
     stopped = scene.run("constant force")
-    times = np.linspace(0.0, measure.standstill(stopped, "disc.speed", scene.standstill, after=scene.after), 20_001)
+    times = np.linspace(0.0, measure.standstill(stopped, "disc.speed", scene.standstill_speed, after=scene.after), 20_001)
     way = np.trapezoid(stopped.at(times)["disc.speed"], times)
     assert told["stands at"] == f"{times[-1]:.3g} s" and told["way of the stop"].startswith(
         f"{way:.4g} rad ({way / (2 * math.pi):.3g} turns), "
@@ -440,8 +440,8 @@ def test_a_brake_that_is_held_at_a_speed_has_a_map_of_its_groan(monkeypatch):
     assert main(["explore", str(SCENES / "brake_stop.toml"), "--law", "HeldSpeed", "--duration", "10 s"]) == 2
     assert main(["explore", str(SCENES / "brake_stop.toml")]) == 2
     (held, elsewhere), (stop, path) = opened
-    assert elsewhere is None and path == str(SCENES / "brake_stop.toml") and stop.standstill == 0.1
-    assert held.labels == ["HeldSpeed"] and (held.standstill, held.duration, held.after) == (None, 10.0, 5.0)
+    assert elsewhere is None and path == str(SCENES / "brake_stop.toml") and stop.standstill_speed == 0.1
+    assert held.labels == ["HeldSpeed"] and (held.standstill_speed, held.duration, held.after) == (None, 10.0, 5.0)
     monkeypatch.undo()
     with explore(held, port=0) as served:
         law = ask(served, "scene")["laws"]["HeldSpeed"]

@@ -82,7 +82,7 @@ class TanhRock(Component):
     def equations(self, signal):
         w = signal("bit.speed", "rad/s")
         friction = 0.5 + 0.3 * ca.exp(-0.9 * ca.fabs(w))
-        return Equations(gives={"bit.torque": (self.load * friction * ca.tanh(w / self.width), "N m")})
+        return Equations(outputs={"bit.torque": (self.load * friction * ca.tanh(w / self.width), "N m")})
 
 
 def test_a_regularised_bit_creeps_and_is_stiff_where_the_exact_one_stands(root):

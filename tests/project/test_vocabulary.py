@@ -38,8 +38,8 @@ NOWHERE = {
 }  # fmt: skip
 """Former names that no public function has as an argument, and no public class as a field, whatever it would mean there."""
 
-EXCEPTIONS = {("Recording", "between"), ("HybridSystem", "told"), ("predict", "known"), ("Compiled", "known"), ("suggest", "known")}
-"""The part of a recording between two times, a sentence about a plant, and what is known of its numbers, a condition of machine code, names that
+EXCEPTIONS = {("Recording", "between"), ("predict", "known"), ("identify", "known"), ("Compiled", "known"), ("suggest", "known")}
+"""The part of a recording between two times, and what is known of its numbers, a condition of machine code, names that
 there are: none of them is what the former name meant."""
 
 
@@ -63,9 +63,8 @@ def words_of(each):
     if inspect.isfunction(each):
         return set(inspect.signature(each).parameters)
     fields = {field.name for field in dataclasses.fields(each)} if dataclasses.is_dataclass(each) else set()
-    return fields | {
-        name for kind in each.__mro__ if kind.__module__.partition(".")[0] in ("toolbox", "models", "controllers") for name in vars(kind)
-    }
+    kinds = [kind for kind in each.__mro__ if kind.__module__.partition(".")[0] in ("toolbox", "models", "controllers")]
+    return fields | {name for kind in kinds for name in (*vars(kind), *vars(kind).get("__annotations__", ()))}
 
 
 PUBLIC = public()

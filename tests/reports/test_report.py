@@ -137,7 +137,7 @@ title = "A stop"
 duration = "1 s"
 [verdict]
 effort = "brake.force"
-standstill = "0.1 rad/s"
+standstill_speed = "0.1 rad/s"
 signal = "disc.speed"
 [[plant]]
 part = "DiscBrake"

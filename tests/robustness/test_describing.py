@@ -66,7 +66,7 @@ def test_the_unstable_cycle_of_the_machine_is_the_one_that_is_predicted():
     assert not unstable.stable and not unstable.sticks and stuck.stable and stuck.sticks
     still = equilibrium(SOFT)
     begin = {name: still[name] for name in still.plant.states} | {"chain.speed.1": still["bit.speed"] + 0.8 * unstable.amplitude}
-    cycle = limit_cycle(SOFT.but(start=begin), period=unstable.period)
+    cycle = limit_cycle(SOFT.replace(start=begin), period=unstable.period)
     low, high = cycle.extremes("bit.speed")
     assert not cycle.stable and low > 0.0
     assert unstable.period == pytest.approx(cycle.period, rel=0.03)
@@ -85,7 +85,7 @@ def test_a_cycle_on_which_another_swing_grows_does_not_attract(law, attracts, ot
     assert f"unstable, sticks, a swing of {2 * np.pi / goes.growing:.4g} s grows" in str(found)
     still = equilibrium(loop)
     begin = {name: still[name] for name in still.plant.states} | {"chain.speed.3": 0.0}
-    cycle = limit_cycle(loop.but(start=begin), 400.0)
+    cycle = limit_cycle(loop.replace(start=begin), 400.0)
     assert cycle.stable and abs(cycle.period - attracts) < 0.1 * attracts
 
 
@@ -113,7 +113,7 @@ def test_a_falling_gain_does_not_hold_a_swing_that_friction_drives():
     swings = []
     for part in (0.7, 1.4):
         begin = {f"x{i}": still[f"x{i}"] + part * harmonic * (1j * w) ** i for i in range(4)}
-        run = simulate(loop.but(start={name: value.real for name, value in begin.items()}), "200 s")
+        run = simulate(loop.replace(start={name: value.real for name, value in begin.items()}), "200 s")
         late = run["contact.slip"][run.time > 190.0]
         swings.append((late.max() - late.min()) / 2.0)
     assert swings[0] < 0.5 * cycle.amplitude < 2.0 * cycle.amplitude < swings[1]

@@ -37,7 +37,7 @@ class Unstable(Component):
         a, b = state("plant.a", "1"), state("plant.b", "1")
         u = signal("plant.u", "1", default=0.0)
         flow = {a: b + (self.pole - 1.0) * a + u, b: self.pole * a - self.zero * u}
-        return Equations(flow=flow, gives={"plant.y": (a, "1")})
+        return Equations(flow=flow, outputs={"plant.y": (a, "1")})
 
 
 def limit_of(pole, zero, **how):

@@ -72,7 +72,7 @@ class Proportional(Controller):
         return {"rotor.torque": (self.gain * bent, "N m")}
 
     def continuous(self, signal):
-        return Equations(flow={}, gives=self.command(signal))
+        return Equations(flow={}, outputs=self.command(signal))
 
     def sampled(self, signal, period):
         return Update({}, self.command(signal))
@@ -86,7 +86,9 @@ class WithIntegral(Proportional):
 
     def continuous(self, signal):
         z = state("law.angle", "rad")
-        return Equations(flow={z: self.error(signal)}, gives={"rotor.torque": (self.gain * self.error(signal) + self.integral * z, "N m")})
+        return Equations(
+            flow={z: self.error(signal)}, outputs={"rotor.torque": (self.gain * self.error(signal) + self.integral * z, "N m")}
+        )
 
     def sampled(self, signal, period):
         z = state("law.angle", "rad")
@@ -103,7 +105,7 @@ class Damping(Controller):
     damping: float = quantity(0.7, "N s/m", "")
 
     def continuous(self, signal):
-        return Equations(flow={}, gives={"block.force": (-self.damping * signal("block.speed", "m/s"), "N")})
+        return Equations(flow={}, outputs={"block.force": (-self.damping * signal("block.speed", "m/s"), "N")})
 
 
 @pytest.fixture(scope="module")
@@ -397,7 +399,7 @@ def test_a_loop_that_grows_with_a_quarter_of_an_hour_has_no_measured_margin(refe
     loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight=97_347.0)), PI(4_000.0, 1_500.0, reference=reference))  # lost at 3.9919
     rest = equilibrium(loop)
     start = {name: rest[name] for name in loop.system.states} | {"chain.speed": rest["chain.speed"] * [1.0, 1.001]}
-    found = measured_margins(loop.but(start=start), duration=60.0)
+    found = measured_margins(loop.replace(start=start), duration=60.0)
     assert (found.highest_gain == 1.0) == grows and (found.lowest_gain == 1.0) == grows
 
 
@@ -408,7 +410,7 @@ def test_a_law_that_lifts_the_set_point_for_a_while_has_the_margins_of_the_law_i
         loop = closed_loop(rig, law, sample_time=0.01).at("top.reference", 8.0)
         rest = equilibrium(closed_loop(rig, PI(4_000.0, 1_500.0)).at("top.reference", 8.0))
         start = {name: rest[name] for name in rig.states} | {"chain.speed": 0.98 * rest["chain.speed"]}
-        found.append(measured_margins(loop.but(start=start), duration=60.0))
+        found.append(measured_margins(loop.replace(start=start), duration=60.0))
     inner, lifting = found
     assert lifting.highest_gain == inner.highest_gain and lifting.delay >= inner.delay and lifting.lowest_gain <= inner.lowest_gain
 

@@ -105,7 +105,7 @@ def test_the_error_found_breaks_the_machine_and_a_smaller_one_does_not(loop):
         other = loop
         for name, value in values.items():
             other = other.at(name, value)
-        run = simulate(other.but(start=smooth_start(loop)), 60.0)
+        run = simulate(other.replace(start=smooth_start(loop)), 60.0)
         assert (run.time_in("bit", "stick", after=42.0) > 0.0) is sticks
 
 

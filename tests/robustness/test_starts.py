@@ -36,7 +36,7 @@ def stick_slip():
 def test_a_controller_that_takes_over_begins_with_the_torque_that_acts(stick_slip, sampled):
     loop = loop_of(PI(), 7.9, sampled=sampled)
     for start in cycle_phases(stick_slip, 4):
-        run = simulate(loop.but(start=taken_over(loop, start)), 0.2)
+        run = simulate(loop.replace(start=taken_over(loop, start)), 0.2)
         # the PI of the judged loop needs the angle (torque - proportional error) / integral to give the same torque
         error = 7.9 - float(np.atleast_1d(start["chain.speed"])[0])
         angle = (start["top.torque"] - 4000.0 * error) / 1500.0
@@ -71,7 +71,7 @@ def test_the_own_stick_slip_of_a_loop_goes_on_from_every_phase():
     own = OwnStickSlip(3).on(loop)
     assert len(own.values) == 3 and own.period > 5.0
     for start in own.values:
-        run = simulate(loop.but(start=start), 4.2 * own.period)
+        run = simulate(loop.replace(start=start), 4.2 * own.period)
         assert run.time_in("bit", "stick", after=3.0 * own.period) > 0.1 * own.period
         releases = [event.time for event in run.events if event.before == "stick"]
         np.testing.assert_allclose(np.diff(releases), own.period, rtol=0.02)
@@ -103,7 +103,7 @@ def test_phases_are_counted():
 def test_smooth_running_starts_with_the_commands_it_holds():
     loop = loop_of(SoftTorque(**LIMITS), 9.0)
     (start,) = SmoothRunning().on(loop).values
-    run = simulate(loop.but(start=start), 5.0)
+    run = simulate(loop.replace(start=start), 5.0)
     assert np.abs(run["bit.speed"] / 9.0 - 1.0).max() < 0.06 and start["top.torque"] == pytest.approx(run["top.torque"].mean(), rel=0.1)
 
 

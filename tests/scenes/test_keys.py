@@ -41,7 +41,7 @@ element = "bit"
 signal = "bit.speed"
 effort = "top.torque"
 after = "30 s"
-standstill = 0.1
+standstill_speed = 0.1
 [measured]
 file = "log.csv"
 columns = { time = "Time" }
@@ -65,7 +65,7 @@ def test_every_key_is_read(tmp_path):
         scene.measured == Measured((tmp_path / "log.csv").resolve(), {"time": "Time"}, ((5.0, 35.0),))
         and scene.case("soft torque").noise == {"top.speed": 0.01}
         and type(scene.case("soft torque").law).__name__ == "Lifting"
-        and scene.standstill == 0.1
+        and scene.standstill_speed == 0.1
         and scene.parameters == {"bit.friction.static": 0.7}
     )
 
@@ -77,8 +77,8 @@ def test_without_its_optional_keys_a_scene_has_the_defaults_that_are_listed(tmp_
     case = short.cases[0]
     assert short.accuracy == float(defaults["accuracy"]) and (case.delay, case.seed) == (float(defaults["delay"]), int(defaults["seed"]))
     assert defaults["after"] == "half of the duration" and short.after == 30.0
-    assert [defaults[name] for name in ("reference", "standstill", "noise")] == ["none"] * 3
-    assert (short.reference, short.standstill, case.noise) == (None, None, {})
+    assert [defaults[name] for name in ("reference", "standstill_speed", "noise")] == ["none"] * 3
+    assert (short.reference, short.standstill_speed, case.noise) == (None, None, {})
     assert (short.element, short.signal, short.effort) == ("bit", "bit.speed", "top.torque")
 
 

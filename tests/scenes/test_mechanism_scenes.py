@@ -23,7 +23,7 @@ def test_a_scene_of_a_mechanism_keeps_its_energy_and_sticks_where_it_should(root
     for label in scene.labels:
         run = scene.run(label)
         assert measure.energy_audit(run).relative < 1e-5, label
-        stuck = run.time_in(scene.contact, "stick", after=scene.after)
+        stuck = run.time_in(scene.judged_contact, "stick", after=scene.after)
         assert np.isfinite(run.states).all()
         if STICKS[name] is not None:
             assert (stuck > 0.05) == STICKS[name][label], (label, stuck)

@@ -270,7 +270,7 @@ def test_a_string_on_its_hole_and_a_bit_on_the_rock_are_told_what_to_say(written
     (tmp_path / "sections.csv").write_text("length [m],OD [in],ID [in],material\n2000,5,4.276,steel\n")
     (tmp_path / "survey.csv").write_text("MD [m],Inc [deg],Azi [deg]\n0,60,0\n2000,60,0\n")
     for element in ("chain.8", "bit"):  # hole and rock at the last inertia are one friction, and either may be judged
-        assert Scene.load(written(f'{ALONG_A_HOLE}[verdict]\nelement = "{element}"\n')).plant().leaders["bit"][0] == "chain.8"
+        assert Scene.load(written(f'{ALONG_A_HOLE}[verdict]\nelement = "{element}"\n')).plant().shared_modes["bit"][0] == "chain.8"
     on_bottom = ALONG_A_HOLE.replace("elements", "on_bottom = true\nelements")
     with pytest.raises(
         SceneError, match=r'which of `chain.0`, ..., `chain.7`, `bit` is to be judged\? .* \[verdict\], such as `element = "bit"`'

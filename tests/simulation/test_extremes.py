@@ -378,7 +378,7 @@ NO_NAMES = (math.nan, 5, None, (math.nan,), object())
 DATA = {"time": RUN.at(np.linspace(0.0, 50.0, 101)).time, "block.speed": RUN.at(np.linspace(0.0, 50.0, 101))["block.speed"]}
 VERBS = {
     "difference to": (lambda bad: RUN.difference(bad), "better", (*NO_NAMES, BELT)),
-    "varying names": (BELT.varying, "names", (*NO_NAMES, "block.mass")),
+    "varying names": (BELT.with_time_varying, "names", (*NO_NAMES, "block.mass")),
     "fit free": (lambda bad: toolbox.fit(BELT, DATA, bad), "name", NO_NAMES),
     "fit ranges": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", bad), "ranges", (5, "strong", [1.0, 2.0])),
     "fit noise": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", noise=bad), "noise", (5, "strong", {"block.speed": math.nan})),

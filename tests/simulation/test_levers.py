@@ -159,5 +159,5 @@ class Rod(Component):
 
 
 def test_only_frictions_all_of_whose_levers_can_vanish_at_once_are_let_pass():
-    assert compose(Rod()).switching.levers == (0, 0, 0)
-    assert compose(Lever(harmonics=YOKE)).switching.levers == (1,)
+    assert compose(Rod()).switched_equations.levers == (0, 0, 0)
+    assert compose(Lever(harmonics=YOKE)).switched_equations.levers == (1,)

@@ -491,7 +491,7 @@ def test_a_ring_is_asked_again_where_its_numbers_change():
         lambda: plant.with_parameters({"shaft.kinetic": 0.5}),
         lambda: simulate(plant, 1.0, parameters={"shaft.kinetic": 0.5}),
         lambda: simulate(loop.at("shaft.static", 0.9), 1.0),
-        lambda: loop.but(inputs={"shaft.kinetic": sine(0.5, 0.1, 1.0)}).kinds,
+        lambda: loop.replace(inputs={"shaft.kinetic": sine(0.5, 0.1, 1.0)}).input_kinds,
     ):
         with refused(*what):
             change()

@@ -58,7 +58,7 @@ class Growing(Controller):
     def continuous(self, signal):
         z = state("growing.size", "1")
         return Equations(
-            flow={z: self.growth * (1.0 + z) ** 2}, gives={"tank.inflow": (ca.fmin(z, 1.0) + 0.0 * signal("tank.level", "m"), "m/s")}
+            flow={z: self.growth * (1.0 + z) ** 2}, outputs={"tank.inflow": (ca.fmin(z, 1.0) + 0.0 * signal("tank.level", "m"), "m/s")}
         )
 
     def sampled(self, signal, period):

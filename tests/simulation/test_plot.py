@@ -318,5 +318,5 @@ def test_every_mode_of_every_element_has_a_tone():
         OneWayClutch("c", v),
         Hysteresis("d", x, low=0.0, high=1.0),
     ]
-    words = {word for element in kinds for word in element.legend.values()}
+    words = {word for element in kinds for word in element.mode_names.values()}
     assert {"stick", "slip+", "closed", "locked", "free", "high"} <= words <= set(TONES)

@@ -49,7 +49,7 @@ class Proportional(Controller):
     gain: float = quantity(1.0, "1/s", "gain")
 
     def continuous(self, signal):
-        return Equations(gives={"tank.inflow": (-self.gain * signal("tank.level", "m"), "m/s")})
+        return Equations(outputs={"tank.inflow": (-self.gain * signal("tank.level", "m"), "m/s")})
 
     def sampled(self, signal, period):
         return Update(memory={}, outputs={"tank.inflow": (-self.gain * signal("tank.level", "m"), "m/s")})
@@ -289,7 +289,7 @@ def test_a_continuous_and_a_sampled_controller_work_side_by_side():
         actuated_signals = ("tanks.in_a",)
 
         def continuous(self, signal):
-            return Equations(gives={"tanks.in_a": (-signal("tanks.a", "m"), "m/s")})
+            return Equations(outputs={"tanks.in_a": (-signal("tanks.a", "m"), "m/s")})
 
     laws = [Drain(), Sampled(hold("tanks.b", "tanks.in_b", lambda x: -x), 0.1)]
     for order in (laws, laws[::-1]):

@@ -326,7 +326,7 @@ def test_a_sign_in_a_continuous_controller_is_refused_too():
         actuated_signals = ("top.torque",)
 
         def continuous(self, signal):
-            return Equations(gives={"top.torque": (1e4 * ca.sign(8.0 - signal("top.speed", "rad/s")), "N m")})
+            return Equations(outputs={"top.torque": (1e4 * ca.sign(8.0 - signal("top.speed", "rad/s")), "N m")})
 
     with pytest.raises(SceneError, match="Relay"):
         simulate(RIG, 1.0, controller=Bang())

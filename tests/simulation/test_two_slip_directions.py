@@ -67,7 +67,7 @@ class Puck(Component):
         return Equations(
             flow,
             elements=[table],
-            gives={"puck.held": (table.force[0], "N"), "puck.held_aside": (table.force[1], "N")},
+            outputs={"puck.held": (table.force[0], "N"), "puck.held_aside": (table.force[1], "N")},
             stored=(self.mass * v**2 + self.mass_across * w**2 + k * (x**2 + y**2)) / 2,
             losses={"friction": -ca.dot(table.force, slip)},
             supplies={"pull": pull * v + side * w, "belt": table.force[0] * belt},
@@ -272,7 +272,7 @@ class Stack(Component):
         flow = {low: v, high: w, v: np.linalg.inv([[1.5, 0.4], [0.4, 1.0]]) @ down, w: up / 0.7}
         elements = [between, rail if self.railed else table]
         gives = {f"{element.name}.t{i}": (ca.SX(element.force)[i], "N") for element in elements for i in range(element.directions)}
-        return Equations(flow, elements=elements, gives=gives)
+        return Equations(flow, elements=elements, outputs=gives)
 
 
 def stack(seed):

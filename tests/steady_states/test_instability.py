@@ -18,7 +18,7 @@ WEIGHT = {"bit.weight": "97.347 kN"}
 
 def swing(loop, duration):
     """Times of the upper peaks of the speed of the bit and half of how much lower the next trough is, in a run that starts near smooth running."""
-    run = simulate(loop.but(start=smooth_start(loop)), duration, output_times=np.arange(0.0, duration, 0.01))
+    run = simulate(loop.replace(start=smooth_start(loop)), duration, output_times=np.arange(0.0, duration, 0.01))
     speed = run["bit.speed"]
     turns = np.flatnonzero(np.diff(np.sign(np.diff(speed)))) + 1
     halves = 0.5 * (speed[turns[:-1]] - speed[turns[1:]])

@@ -69,7 +69,7 @@ def test_the_matrix_leads_a_linear_loop_where_a_run_leads_it(entries):
         for side, (period, delay, own) in zip(("left", "right"), entries, strict=False)
     ]
     loop = loop_of(*laws)
-    point = SampledPoint(loop.system, loop.closed.plant, loop.closed.clocks, {})
+    point = SampledPoint(loop.system, loop.assembly.plant, loop.assembly.clocks, {})
     slope = point.slope(np.zeros(point.n + point.h + point.z))
     matrix, span = matrix_over_period(point, slope)
     steps = int(np.ceil(0.6 / span))
@@ -78,7 +78,7 @@ def test_the_matrix_leads_a_linear_loop_where_a_run_leads_it(entries):
     for k, name in enumerate([*loop.system.states, *sums]):
         begin = np.zeros(len(matrix))
         begin[k if k < point.n else point.h + k] = 1.0
-        run = simulate(loop.but(start={name: 1.0}), steps * span, accuracy=1e-12)
+        run = simulate(loop.replace(start={name: 1.0}), steps * span, accuracy=1e-12)
         np.testing.assert_allclose([run[each][-1] for each in loop.system.states], (powers @ begin)[: point.n], rtol=0, atol=1e-10)
 
 
@@ -86,6 +86,6 @@ def test_sample_times_come_round_together_and_refuse_to_where_they_never_do():
     assert common_period([0.004, 0.006]) == (pytest.approx(0.012), [3, 2])
     assert common_period([0.1 / 3, 0.1 / 3]) == (0.1 / 3, [1, 1])
     loop = loop_of(Sampled(Integrating("left"), 0.01), Sampled(Integrating("right"), 0.0100001))
-    point = SampledPoint(loop.system, loop.closed.plant, loop.closed.clocks, {})
+    point = SampledPoint(loop.system, loop.assembly.plant, loop.assembly.clocks, {})
     with pytest.raises(NoDerivative, match="common period"):
         matrix_over_period(point, point.slope(np.zeros(point.n + point.h + point.z)))

@@ -60,7 +60,7 @@ class Spring(Component):
 
     def equations(self, signal):
         x, v = state("mass.position", "m"), state("mass.speed", "m/s")
-        return Equations(flow={x: v, v: -(self.frequency**2) * x}, gives={"mass.square": (x * x, "m2")})
+        return Equations(flow={x: v, v: -(self.frequency**2) * x}, outputs={"mass.square": (x * x, "m2")})
 
 
 @dataclass(frozen=True)

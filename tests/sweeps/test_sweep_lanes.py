@@ -37,7 +37,7 @@ class Oscillator(Component):
 
     def equations(self, signal):
         x, v = state("mass.position", "m"), state("mass.speed", "m/s")
-        return Equations(flow={x: v, v: -(self.frequency**2) * x}, gives={"mass.wave": (ca.cos(self.waves * x), "1")})
+        return Equations(flow={x: v, v: -(self.frequency**2) * x}, outputs={"mass.wave": (ca.cos(self.waves * x), "1")})
 
 
 TORQUE = ([0.0, 9.0, 9.0, 20.0], [0.0, 12e3, 9e3, 14e3])

@@ -47,7 +47,7 @@ class Dials(Controller):
     gain: float = quantity(1.0, "1", "must be positive", above=0)
 
     def continuous(self, signal):
-        return Equations(gives={"top.torque": (self.torque, "N m"), "dials.dial": (self.dial, "1")})
+        return Equations(outputs={"top.torque": (self.torque, "N m"), "dials.dial": (self.dial, "1")})
 
 
 def scene(*cases, duration=0.1, **changes):
@@ -95,7 +95,7 @@ def test_a_plant_without_friction_is_tuned_to_the_least_integral_of_its_squared_
         damping: float = quantity(0.2, "N s/m", "damping 2 z of x'' + 2 z x' + x = 1", at_least=0)
 
         def continuous(self, signal):
-            return Equations(gives={"block.force": (1.0 - self.damping * signal("block.speed", "m/s"), "N")})
+            return Equations(outputs={"block.force": (1.0 - self.damping * signal("block.speed", "m/s"), "N")})
 
     def squares(run):  # from rest J = z + 1 / (4 z): least, 1, at z = 1/2; from z = 0.1 2.6
         return run.end * measure.mean_square(run, "block.position", 1.0)
@@ -277,7 +277,7 @@ class Escape(Controller):
 
     def continuous(self, signal):
         x = state("escape.state", "1")
-        return Equations(flow={x: self.growth * (1 + x**2)}, gives={"top.torque": (1000.0 * self.growth, "N m")})
+        return Equations(flow={x: self.growth * (1 + x**2)}, outputs={"top.torque": (1000.0 * self.growth, "N m")})
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ TIMES = (
 def scalar_unit(plant: HybridSystem, name: str) -> str:
     """Unit of a scalar signal or input; raises SceneError for an unknown name and for a vector."""
     unit = plant.signal_unit(name)
-    rows = plant.rows(name)
+    rows = plant.state_index(name)
     size = rows[1] if rows is not None else None
     if size is not None or (rows is None and name in plant.signals and plant.signals[name][0].numel() > 1):
         raise SceneError(f"Argument `columns` must name scalars, but `{name}` has several entries: choose one, e.g. `{name}.0`.")

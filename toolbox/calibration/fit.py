@@ -142,7 +142,7 @@ def fit(
     on = MeasuredContact(contact) if isinstance(contact, str) else contact
     windows = windows_of(window)
     called = shared(names, windows) or [names]
-    make: Any = _Simulating(loop, names, search.accuracy) if on is None else _AlongLoop(loop.bare, names, on)
+    make: Any = _Simulating(loop, names, search.accuracy) if on is None else _AlongLoop(loop.without_controllers, names, on)
     recording = Recording.of(data, make.plant, columns)
     recording = recording if held is None else recording.holding(held)
     words = sorted({*names, *itertools.chain(*called)})
@@ -254,7 +254,7 @@ class _AlongLoop:
 
     def __init__(self, loop: ClosedLoop, names: Sequence[str], on: MeasuredContact):
         self.loop, self.names, self.on = loop, names, on
-        self.plant = loop.closed.plant
+        self.plant = loop.assembly.plant
         self.remembers = on.name in self.plant.modeless
 
     def numbers(self, recording: Recording) -> list[Number]:
@@ -262,7 +262,7 @@ class _AlongLoop:
         return [shift_number(self.loop, recording, name) or self._number(name) for name in self.names]
 
     def _number(self, name: str) -> Number:
-        return self.loop.number(name) if self.remembers and self.plant.rows(name) is not None else _parameter(self.loop, name)
+        return self.loop.number(name) if self.remembers and self.plant.state_index(name) is not None else _parameter(self.loop, name)
 
     def misfit(self, recording: Recording, numbers: list[Number], low: np.ndarray, high: np.ndarray) -> Any:
         """The misfit of a window."""
@@ -279,7 +279,7 @@ def _parameter(loop: ClosedLoop, name: str) -> Number:
     entry = loop.plant._parameter(name)
     if entry.size is not None:
         raise SceneError(f"Argument `free` must hold single numbers, such as `{name}.0`, but `{name}` has {entry.size} entries.")
-    value = float(loop.closed.plant.values[entry.offset])
+    value = float(loop.assembly.plant.values[entry.offset])
     return Number(name, entry.unit, PARAMETER, value, entry.meaning, entry.bounds)
 
 

@@ -314,7 +314,7 @@ def _curve(found: Fit, points: np.ndarray) -> np.ndarray:
     )
 
     def friction(values: np.ndarray) -> np.ndarray:
-        plant = found.misfit.loop.closed.plant.with_parameters({name: float(values[i]) for i, name in numbers})
+        plant = found.misfit.loop.assembly.plant.with_parameters({name: float(values[i]) for i, name in numbers})
         law = plant.parts[0].friction
         back = law.reverse()
         return np.array([float(np.sign(v)) * float((law if v > 0 else back).sliding(abs(float(v)))) for v in speeds])
@@ -380,7 +380,7 @@ class _Steady(_Work):
         )
 
     def points(self, found: Fit) -> np.ndarray:
-        offset = found.misfit.loop.closed.plant.with_parameters(found.parameters).parts[0].offset
+        offset = found.misfit.loop.assembly.plant.with_parameters(found.parameters).parts[0].offset
         return np.stack([self.speed, self.force - float(offset)])
 
 
@@ -425,7 +425,7 @@ class _Moving(_Work):
         )
 
     def points(self, found: Fit) -> np.ndarray:
-        fitted = found.misfit.loop.closed.plant.with_parameters(found.parameters).parts[0]
+        fitted = found.misfit.loop.assembly.plant.with_parameters(found.parameters).parts[0]
         return friction_points(self.runs, float(getattr(fitted, fitted.body)), float(fitted.offset))
 
 
@@ -447,7 +447,7 @@ def _released(part: Any, found: Fit, silent: Sequence[str]) -> Any:
 
     best = min((1.02, 1.1, 1.3, 1.6, 2.0), key=left)
     numbers |= {name: best * numbers[name.removesuffix("static") + "kinetic"] for name in silent}
-    return misfit.loop.closed.plant.with_parameters(
+    return misfit.loop.assembly.plant.with_parameters(
         {name: value for name, value in numbers.items() if misfit.loop.plant.has_parameter(name)}
     ).parts[0]
 

@@ -45,7 +45,7 @@ class MeasuredLoop(ContactMisfit):
         shifts: Sequence[Shift] = (),
         begin: np.ndarray | None = None,
     ):
-        plant, inputs, names = loop.closed.plant, loop.values, [number.name for number in numbers]
+        plant, inputs, names = loop.assembly.plant, loop.input_values, [number.name for number in numbers]
         elements = [element.name for element in plant.elements]
         if contact not in elements or plant.elements[elements.index(contact)].law is None:
             raise SceneError(f"There is no contact with dry friction `{contact}`: {suggest(contact, elements)}")

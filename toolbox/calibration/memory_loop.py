@@ -43,14 +43,14 @@ class MemoryLoop(ContactMisfit):
     """
 
     def __init__(self, loop: ClosedLoop, recording: Recording, numbers: Sequence[Number], contact: str, shifts: Sequence[Shift] = ()):
-        plant = loop.closed.plant
+        plant = loop.assembly.plant
         self.loop, self.plant, self.numbers, self.contact = loop, plant, list(numbers), contact
         self.names = [number.name for number in numbers]
         rows = [(first, count_of(size)) for name, (first, size, _) in plant.states.items() if name.startswith(f"{contact}.")]
         self.memory = [row for first, size in rows for row in range(first, first + size)]
         memory = plant.x[self.memory]
         self.output = self._force_signal(recording, memory)
-        given = loop.values
+        given = loop.input_values
         self.recording, self.shifts = _continuous(recording, [name for name in recording.signals if name != self.output]), tuple(shifts)
         law = ca.vertcat(plant.flow[self.memory], plant.expression(self.output))
         if plant.F.numel() and ca.depends_on(law, plant.F):
@@ -107,7 +107,7 @@ class MemoryLoop(ContactMisfit):
 
     def _row(self, name: str) -> list[int]:
         """The row of a start value of the memory. Raises SceneError for any other start value."""
-        rows = self.plant.rows(name)
+        rows = self.plant.state_index(name)
         if rows is None or rows[0] not in self.memory:
             raise SceneError(
                 f"Argument `free` must hold parameters and the memory of `{self.contact}` for its law to be fitted, but it has `{name}`."
@@ -117,7 +117,7 @@ class MemoryLoop(ContactMisfit):
     def _declared(self, row: int) -> float:
         """Where an entry of the memory starts, as the loop says."""
         for name, value in self.loop.start.items():
-            rows = self.plant.rows(name)
+            rows = self.plant.state_index(name)
             if rows is not None and rows[0] == row:
                 return float(value)
         return float(self.plant.begin[row])

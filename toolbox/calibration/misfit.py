@@ -153,7 +153,7 @@ class ContactMisfit(Misfit):
         able = [
             name
             for name, (expression, _) in self.plant.signals.items()
-            if expression.numel() == 1 and ca.depends_on(expression, symbols) and self.plant.rows(name) is None
+            if expression.numel() == 1 and ca.depends_on(expression, symbols) and self.plant.state_index(name) is None
         ]
         there = [name for name in recording.signals if name in able]
         if len(there) != 1:

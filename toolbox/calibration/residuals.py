@@ -91,7 +91,7 @@ class Simulated(Misfit):
 
         An input that is held is known at all times. Of one of levels the samples around each jump stay, whose place the fit of the others tells.
         """
-        given = self.loop.values
+        given = self.loop.input_values
         held = self.recording.held or ()
         measured = [name for name in self.recording.signals if isinstance(given.get(name), Table) and name not in held]
         if not measured:
@@ -106,7 +106,7 @@ class Simulated(Misfit):
                 keep[1:] |= jumps
                 keep[:-1] |= jumps
             fewer[name] = Table(given[name].times[keep], given[name].values[keep])
-        return Simulated(self.loop.but(inputs={**self.loop.inputs, **fewer}), self.recording, self.numbers, self.accuracy, self.shifts)
+        return Simulated(self.loop.replace(inputs={**self.loop.inputs, **fewer}), self.recording, self.numbers, self.accuracy, self.shifts)
 
     def trial(self) -> Simulated:
         """The misfit of means over groups of samples, with runs of a coarse accuracy: enough to find what is then fitted to all."""
@@ -115,7 +115,7 @@ class Simulated(Misfit):
             return self
         coarse = self.recording.resampled(groups * self.recording.interval)
         fewer = {}
-        for name, value in self.loop.values.items():
+        for name, value in self.loop.input_values.items():
             if name in coarse.signals and isinstance(value, Table):
                 good = np.isfinite(coarse.signals[name])
                 middle = (
@@ -123,7 +123,7 @@ class Simulated(Misfit):
                 )  # of the times for which a sample stands
                 fewer[name] = Table(coarse.time[good] + middle, coarse.signals[name][good])
         accuracy = max(self.accuracy, TRIAL_ACCURACY)
-        return Simulated(self.loop.but(inputs={**self.loop.inputs, **fewer}), coarse, self.numbers, accuracy, self.shifts)
+        return Simulated(self.loop.replace(inputs={**self.loop.inputs, **fewer}), coarse, self.numbers, accuracy, self.shifts)
 
     def apart(self, values: np.ndarray) -> dict[str, float]:
         """{output: how far from the model its first samples are}, of those that begin elsewhere than the machine that is simulated."""
@@ -144,8 +144,12 @@ class Simulated(Misfit):
     def at(self, values: np.ndarray) -> ClosedLoop:
         """The loop with the free numbers at given values, driven on the clock of the machine; raises SceneError where numbers contradict each other."""
         loop, late = super().at(values), self._late(values)
-        moved = {name: Table(loop.values[name].times - late[name], loop.values[name].values) for name in late if name not in self.outputs}
-        return loop.but(inputs={**loop.inputs, **moved}) if moved else loop
+        moved = {
+            name: Table(loop.input_values[name].times - late[name], loop.input_values[name].values)
+            for name in late
+            if name not in self.outputs
+        }
+        return loop.replace(inputs={**loop.inputs, **moved}) if moved else loop
 
     def _late(self, values: np.ndarray) -> dict[str, float]:
         """{channel: by how much later it was written than it was}."""
@@ -186,7 +190,7 @@ class Simulated(Misfit):
 
     def allowed(self, values: np.ndarray) -> None:
         """Raise SceneError where the numbers contradict each other."""
-        self.at(values).closed  # noqa: B018
+        self.at(values).assembly  # noqa: B018
 
     def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """Simulated outputs at the times of samples that are data; where a signal jumps within half a sampling interval of a sample, the nearer side counts.

@@ -138,7 +138,7 @@ class Fit(Told, Result):
     @property
     def plant(self) -> HybridSystem:
         """The calibrated plant."""
-        return self.loop.closed.plant.with_parameters(self.parameters)
+        return self.loop.assembly.plant.with_parameters(self.parameters)
 
     @property
     def white(self) -> bool:

@@ -47,7 +47,7 @@ def shift_number(loop: ClosedLoop, recording: Recording, name: str) -> Number | 
 
 def channels_of(loop: ClosedLoop, recording: Recording, name: str) -> tuple[str, ...]:
     """The measured signals that a shift is of."""
-    head, inputs = name.removesuffix(SHIFT), loop.closed.plant.inputs
+    head, inputs = name.removesuffix(SHIFT), loop.assembly.plant.inputs
     return tuple(signal for signal in recording.signals if signal == head or (signal.startswith(f"{head}.") and signal not in inputs))
 
 

@@ -29,8 +29,8 @@ def draw(scene: Scene, title: str, run: Trajectory, traces: Path, phase: Path) -
     _write(plot.traces(run), title, traces)
     position = position_of(scene.plant(), scene.signal)
     if position is not None:
-        after = scene.after if scene.standstill is None and scene.after < run.end else run.begin
-        ax = plot.phase_plane(run, position, scene.signal, scene.contact, after=after)
+        after = scene.after if scene.standstill_speed is None and scene.after < run.end else run.begin
+        ax = plot.phase_plane(run, position, scene.signal, scene.judged_contact, after=after)
         if after > run.begin:
             _before(ax, run, position, scene.signal, after)
         _set_point(scene, [ax])
@@ -39,7 +39,7 @@ def draw(scene: Scene, title: str, run: Trajectory, traces: Path, phase: Path) -
 
 def draw_comparison(scene: Scene, runs: Mapping[str, Trajectory], path: Path) -> None:
     """Write the figure of the judged signal under every controller; runs: {title of its panel: run}."""
-    panels = _plot().comparison(runs, scene.signal, scene.contact)
+    panels = _plot().comparison(runs, scene.signal, scene.judged_contact)
     _set_point(scene, panels)
     _write(panels, scene.title, path)
 

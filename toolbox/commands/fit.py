@@ -117,7 +117,10 @@ def run(given: argparse.Namespace) -> int:
     robust = None if given.robust == "off" else number("--robust", given.robust, "1", above=1)
     starts = whole("--starts", given.starts, 1)
     recording = Recording.of(
-        given.data, loop.bare.system if given.contact else dataclasses.replace(loop, inputs={}).system, columns or None, keep=given.keep
+        given.data,
+        loop.without_controllers.system if given.contact else dataclasses.replace(loop, inputs={}).system,
+        columns or None,
+        keep=given.keep,
     )
     recording = recording.shifted(shifts) if shifts else recording
     with results(given, drawn_as(FIT_FILES, given.format), earlier("fit.txt", "\nFit of ", FIT_FILES)) as folder:

@@ -74,7 +74,7 @@ def law_and_well(given: argparse.Namespace) -> tuple[Any, Any, Callable[[float],
     scene = Scene.load(given.scene, depth=given.depths[0])
     label = scene.case(given.controller or next((each for each in scene.labels if scene[each].controllers), scene.labels[0])).label
     law = law_of(scene, label)
-    moved = sorted(name for name in scene[label].inputs if name not in scene[label].bare.inputs)
+    moved = sorted(name for name in scene[label].inputs if name not in scene[label].without_controllers.inputs)
     if moved:
         raise SceneError(
             f"Argument `{moved[0]}` must be a number of the law itself to be looked at over depth, but it is an input of the scene."
@@ -82,6 +82,6 @@ def law_and_well(given: argparse.Namespace) -> tuple[Any, Any, Callable[[float],
 
     @cache
     def well(depth: float) -> Any:
-        return Scene.load(given.scene, depth=depth)[label].bare
+        return Scene.load(given.scene, depth=depth)[label].without_controllers
 
     return scene, law, well

@@ -70,7 +70,7 @@ def run(given: argparse.Namespace) -> int:
                 rows.append(row)
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
-                    signals = None if given.all_signals else drawn_signals(run, scene.contact)
+                    signals = None if given.all_signals else drawn_signals(run, scene.judged_contact)
                     if signals is not None:
                         left_out |= set(run.names) - set(signals)
                     untimed(run).save(folder / f"{stem}.npz", signals)
@@ -89,7 +89,7 @@ def run(given: argparse.Namespace) -> int:
             notes.append(
                 f"Trajectories take {size:.3g} MB without {len(left_out)} signals of contacts that are not judged, which `--all-signals` writes, too."
             )
-        warning = scene.needs().warning
+        warning = scene.dependencies().warning
         notes += [warning] if warning else []
         notes += [f"{label}: {unstable}" for label in scene.labels if (unstable := instability(scene[label]))]
         (folder / "study.txt").write_text("\n\n".join([table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")

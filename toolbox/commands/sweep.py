@@ -260,7 +260,7 @@ def _machines(loop: Any, off: str | None) -> tuple[list[str], dict[str, Any]]:
 
     off_by, found = share("--uncertainty", text), {"": loop}
     for sign in (-1.0, 1.0):
-        changed = {name: loop.free(name).value * (1.0 + sign * off_by) for name in names}
+        changed = {name: loop.varied_number(name).value * (1.0 + sign * off_by) for name in names}
         found[f"{100.0 * sign * off_by:+g} %"] = put_all(loop, changed)
     return names, found
 

@@ -123,7 +123,7 @@ def otherwise(scene: Any, given: argparse.Namespace) -> Any:
         others = {key: value for key, value in scene.inputs.items() if case.law is None or key not in case.law.actuated_signals}
         scene = dataclasses.replace(scene, inputs=others, cases=(case,))
         if set_point(scene[case.label].system, scene.signal) is not None:  # a speed that is held has steady running in place of a stop
-            scene = dataclasses.replace(scene, standstill=None)
+            scene = dataclasses.replace(scene, standstill_speed=None)
     texts = {name: plain(value) for name, value in pairs("--hold", "NAME=VALUE", given.hold)}
     if not texts:
         return scene

@@ -69,7 +69,7 @@ def with_numbers(
                 if verb is None:
                     loop.number(name)
                 else:
-                    loop.acting(name, verb)
+                    loop.differentiable_number(name, verb)
             loops[label] = loop
         except SceneError as error:
             failures[label] = error

@@ -236,7 +236,7 @@ def _loader(i: int, element: Element, form: Switching) -> int:
 
     if i in form.passing:
         return work_layout.PASSES
-    return work_layout.SECOND if element.second else work_layout.ONE_WAY if element.one_way else form.loader[i]
+    return work_layout.SECOND if element.second else work_layout.ONE_WAY if element.is_unilateral else form.loader[i]
 
 
 def _by_unit(system: HybridSystem, hidden: int) -> tuple[np.ndarray, int]:

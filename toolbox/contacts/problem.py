@@ -74,7 +74,7 @@ class ContactProblem(Renamed):
     >>> from models import Coulomb
     >>> from toolbox.contacts import ContactProblem, press_contacts
     >>> down, along = np.array([[1.0, 0.0]]), np.array([[[0.0, 1.0]]])
-    >>> block = ContactProblem(np.eye(2), np.diag([0.0, 100.0]), along, Coulomb(0.5, 0.5), normal=down, forces={"press": down[0]})
+    >>> block = ContactProblem(np.eye(2), np.diag([0.0, 100.0]), along, Coulomb(0.5, 0.5), normal=down, force_inputs={"press": down[0]})
     >>> print(press_contacts(block, {"press": 20.0}).normal[0], "N")
     [20.] N
     """
@@ -133,7 +133,7 @@ class ContactProblem(Renamed):
         if not isinstance(self.friction, FrictionLaw):
             raise SceneError(f"Argument `friction` must be a friction law such as Coulomb(), but it is {self.friction!r}.")
         check_fields(self.friction)
-        if self.friction.breaks() or self.friction.memory(2):
+        if self.friction.break_speeds() or self.friction.memory(2):
             raise SceneError(
                 "Argument `friction` must be a law without breaks, which time stepping does not locate, and without memory, which it has not."
             )

@@ -62,7 +62,7 @@ class Acting:
     def __init__(self, problem: ContactProblem, inputs: Any, times: np.ndarray, controller: Any = None, sample_time: Any = None):
         self.problem, self.times = problem, times
         plant = signals_of(problem, controller is not None)
-        closed = ClosedLoop(plant, laws_of(controller, in_si(sample_time, "s", "sample_time"))).closed
+        closed = ClosedLoop(plant, laws_of(controller, in_si(sample_time, "s", "sample_time"))).assembly
         self.system, self.clocks, self.seeds = closed.system, closed.clocks, closed.seeds
         if len(self.system.parts) > 1 + len(self.clocks):
             raise SceneError(
@@ -82,7 +82,9 @@ class Acting:
         externals = iter([part for part in self.system.parts if isinstance(part, External)])
         callables = iter(closed.callables)
         self.controllers = [
-            _Law(self.system, update, seed, next(externals), fresh(next(callables))) if update.external else _Law(self.system, update, seed)
+            _Law(self.system, update, seed, next(externals), fresh(next(callables)))
+            if update.from_callable
+            else _Law(self.system, update, seed)
             for update, seed in zip(updates, self.seeds, strict=True)
         ]
         if self.controllers:

@@ -222,22 +222,22 @@ class _Question:
         if start == "takeover":
             if value not in self.taken:  # the initial controller runs once for each set-point
                 found = TakenOver(self.initial, self.phases).on(loop)
-                self.taken[value] = [] if found.note else [loop.but(start=each) for each in found.values]
+                self.taken[value] = [] if found.note else [loop.replace(start=each) for each in found.values]
             yield from self.taken[value]
         elif start == "step":
-            yield loop.but(start={})
+            yield loop.replace(start={})
         elif start == "ramp":
-            yield loop.but(inputs={**loop.inputs, self.knob: shapes.ramp(0.02 * value, value, 0.0, RAMP)}, start={})
+            yield loop.replace(inputs={**loop.inputs, self.knob: shapes.ramp(0.02 * value, value, 0.0, RAMP)}, start={})
         elif WEIGHT in self.loop.numbers() and not math.isnan(weight := float(self.loop.number(WEIGHT).value)):
             begin = smooth_start(loop)
             for ramp in RAMPS:
                 times = np.cumsum([20.0, OFF, AWAY, ramp])
                 course = (0.0, *times.tolist()), (weight, weight, 1e-3 * weight, 1e-3 * weight, weight)
-                yield loop.but(inputs={**loop.inputs, WEIGHT: course}, start=begin)
+                yield loop.replace(inputs={**loop.inputs, WEIGHT: course}, start=begin)
 
     def _fails(self, loop: ClosedLoop) -> str:
         """Why a run does not come to smooth running; empty if it does."""
-        end = max((float(value.times[-1]) for value in loop.values.values() if isinstance(value, Table)), default=0.0)
+        end = max((float(value.times[-1]) for value in loop.input_values.values() if isinstance(value, Table)), default=0.0)
         try:
             run = simulate(loop, end + self.duration)
         except SimulationError as error:
@@ -259,7 +259,7 @@ class _Question:
                 continue
             machine = trials.machine(factors)
             for begin in trials.starts(error, factors):
-                said = self._fails(machine.but(start=begin))
+                said = self._fails(machine.replace(start=begin))
                 held, runs, why = held + (not said), runs + 1, why or (said and f"{error}: {said}")
         return [held, runs, why]
 

@@ -214,7 +214,7 @@ def windows(
     loops: list[ClosedLoop] = []
     for depth in places:
         here = controller(depth) if callable(controller) and not isinstance(controller, Controller | Sampled) else controller
-        loop = closed_at(well, depth).but(controllers=(here,))
+        loop = closed_at(well, depth).replace(controllers=(here,))
         loops.append(loop)
         folder = None if checkpoint is None else Path(checkpoint) / f"{depth:g}m"
         found = severity_map(loop, ranges, shape=shape, halvings=HALVINGS, checkpoint=folder)

@@ -158,7 +158,7 @@ class EnsembleFilter:
             return int(np.argmax(np.abs(slope)))
 
         self.top, self.bit = row("top.speed"), row("bit.speed")
-        begin, end = plant.rows("chain.twist")[0], plant.rows("chain.twist")[1]  # type: ignore[index]
+        begin, end = plant.state_index("chain.twist")[0], plant.state_index("chain.twist")[1]  # type: ignore[index]
         self.twists = list(range(begin, begin + count_of(end)))
         self.contact = next(i for i, element in enumerate(plant.elements) if element.name == "bit")
         slopes = [ca.jacobian(plant.flow[self.bit], each) for each in (plant.x, plant.F[self.contact])]
@@ -245,7 +245,7 @@ class EnsembleFilter:
         n = self.members
         self.states = np.zeros((n, self.rollout.n))
         rows = [name for name, (_, size, unit) in self.plant.states.items() for _ in range(count_of(size)) if name == "chain.speed"]
-        first = self.plant.rows("chain.speed")[0]  # type: ignore[index]
+        first = self.plant.state_index("chain.speed")[0]  # type: ignore[index]
         self.states[:, first : first + len(rows)] = speed
         self.states[:, self.bit] += 0.5 * self.rng.standard_normal(n) * (speed > 0.0)
         stiffness = self.rollout.numbers[self.numbers[2]]
@@ -357,7 +357,7 @@ def _border(loop: ClosedLoop) -> tuple[FloatArray | None, str]:
     """(highest set-point at which smooth running is lost, at each of the loads `HARDER`; "") or, where it is not known, (None, why)."""
     if "top.reference" not in loop.numbers():
         return None, "the loop has no set-point `top.reference`"
-    if loop.sampled:
+    if loop.is_sampled:
         return None, "the law is sampled, and the border is that of a law in its continuous form"
     borders = []
     for part in HARDER.tolist():

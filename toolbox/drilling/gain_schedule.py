@@ -257,7 +257,7 @@ def schedule(
     for depth in sorted({*places, *((a + b) / 2 for a, b in pairwise(places))}):
         loop = closed_at(well, depth)
         starts = None if initial_controller is None else TakenOver(initial_controller, PHASES, duration)
-        closed = loop.but(controllers=(_law_at(base, places, every, depth),))
+        closed = loop.replace(controllers=(_law_at(base, places, every, depth),))
         trials = Trials.of(closed, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
         outcomes = trials.of_cases({"nominal": {}})
         worst, way = outcomes.worst, trials.way
@@ -284,7 +284,7 @@ def _designed(well: Callable[[float], Any], depth: float, law: Any) -> ClosedLoo
     here = law if isinstance(law, (Controller, Sampled)) else law(depth) if callable(law) else None
     if not isinstance(here.law if isinstance(here, Sampled) else here, Controller):
         raise SceneError(f"Argument `controller` must be a Controller, Sampled with one, or a function depth -> law, but it is {law!r}.")
-    return closed_at(well, depth).but(controllers=(here,))
+    return closed_at(well, depth).replace(controllers=(here,))
 
 
 def _law_at(law: Any, depths: Sequence[float], every: np.ndarray, depth: float) -> Any:

@@ -104,7 +104,7 @@ class Watch(Component):
         above = ca.if_else(signal("top.speed", "rad/s") > 1.1 * self.reference, 1.0, 0.0)
         lifted = ca.if_else(signal("lifting.reference", "rad/s", default=self.reference) > 1.1 * self.reference, 1.0, 0.0)
         flags = {"limited": limited, "above": above, "lifted": lifted}
-        return Equations(gives={"watch.square": (torque * torque, "1"), **{f"watch.{name}": (flag, "1") for name, flag in flags.items()}})
+        return Equations(outputs={"watch.square": (torque * torque, "1"), **{f"watch.{name}": (flag, "1") for name, flag in flags.items()}})
 
 
 def limits_of(law: Any) -> dict[str, float]:
@@ -150,7 +150,7 @@ class Trial:
                 f"Argument `loop` must hold one sampled law that drives `top.torque` of a drill string, but it holds {len(laws)} "
                 "law(s): give `closed_loop(plant, Sampled(law, '10 ms', delay='30 ms'))`."
             )
-        lost = next((name for name in self.loop.parameters if name not in self.loop.bare.parameters), None)
+        lost = next((name for name in self.loop.parameters if name not in self.loop.without_controllers.parameters), None)
         if lost is not None:
             raise SceneError(f"Argument `{lost}` must be given to the law itself to be tried at other set-points, not in `parameters`.")
         return laws[0]
@@ -483,7 +483,7 @@ def _watched(plant: HybridSystem, watch: Watch) -> HybridSystem:
 @cache
 def _bare(loop: ClosedLoop) -> ClosedLoop:
     """The loop without its law, set-point, start and label: laws that take over from the same drive find its cycle once."""
-    return replace(loop.bare, start={}, label="")
+    return replace(loop.without_controllers, start={}, label="")
 
 
 @cache

@@ -85,7 +85,7 @@ class StateSpaceLaw(Controller):
         z, e = self._memory(), self._read(signal)
         a, b, c, d = self._arrays()
         return Equations(
-            flow={z: ca.mtimes(a, z) + ca.mtimes(b, e)} if z is not None else {}, gives=self._given(self._sum(c, z) + ca.mtimes(d, e))
+            flow={z: ca.mtimes(a, z) + ca.mtimes(b, e)} if z is not None else {}, outputs=self._given(self._sum(c, z) + ca.mtimes(d, e))
         )
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:

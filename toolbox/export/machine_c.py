@@ -187,7 +187,7 @@ class Machine:
         system = self.program.system
         found = [Entry(each.name, each.unit) for each in self.states]
         for name, (expression, unit) in system.signals.items():
-            if system.rows(name) is None:
+            if system.state_index(name) is None:
                 size = expression.numel()
                 found += [Entry(row, unit) for row in ([name] if size == 1 else [f"{name}.{i}" for i in range(size)])]
         return found
@@ -268,7 +268,7 @@ def _with_all_inputs(loop: ClosedLoop) -> ClosedLoop:
             value = ca.substitute(entry.default, system.p, ca.DM(system.values)) if system.p.numel() else entry.default
             if ca.SX(value).is_constant() or not ca.symvar(ca.SX(value)):
                 found[name] = float(ca.evalf(value))
-    return loop.but(inputs=found)
+    return loop.replace(inputs=found)
 
 
 # -------------------------------------------------------------------------------------------------------------------------------------------- text
@@ -329,7 +329,7 @@ def _header(made: Machine) -> str:
     elements = made.program.system.elements
     lines += [f"#define {upper}_ELEMENTS {len(elements)}"]
     for i, element in enumerate(elements):
-        legend = ", ".join(f"{mode}: {word}" for mode, word in sorted(element.legend.items()))
+        legend = ", ".join(f"{mode}: {word}" for mode, word in sorted(element.mode_names.items()))
         lines.append(f"#define {upper}_ELEMENT_{_c_name(element.name)} {i} /* {legend} */")
     lines += ["", "/* what a step returns, and what is set */"]
     for code, (word, meaning) in STATUS.items():
@@ -412,7 +412,7 @@ def _source(made: Machine, loop: CTranslation, importer: bool) -> str:
     modes = [
         f"  if (element == {i} && mode == {mode}) return {_quoted(word)};"
         for i, element in enumerate(made.program.system.elements)
-        for mode, word in element.legend.items()
+        for mode, word in element.mode_names.items()
     ]
     return "\n\n".join(
         [
@@ -456,7 +456,7 @@ def _readme(made: Machine) -> str:
         )
 
     elements = [
-        f"| {i} | `{element.name}` | {', '.join(f'{mode} {word}' for mode, word in sorted(element.legend.items()))} |"
+        f"| {i} | `{element.name}` | {', '.join(f'{mode} {word}' for mode, word in sorted(element.mode_names.items()))} |"
         for i, element in enumerate(made.program.system.elements)
     ]
     return filled("machine_readme.md", made) + "\n".join(

@@ -85,8 +85,8 @@ class Unit:
                 found.append(Variable(f"indicator.{'rate.' if rate else ''}{j}", first + i, "local"))
         first += len(self.indicators)
         for i, element in enumerate(system.elements):
-            if not element.second and element.name not in system.leaders:
-                words = ", ".join(f"{mode}: {word}" for mode, word in sorted(element.legend.items()))
+            if not element.second and element.name not in system.shared_modes:
+                words = ", ".join(f"{mode}: {word}" for mode, word in sorted(element.mode_names.items()))
                 found.append(
                     Variable(f"{element.name}.mode", first + i, "output", role={"variability": "discrete"}, meaning=words, whole=True)
                 )

@@ -66,7 +66,7 @@ def signals_of(program: Program) -> ca.SX:
     """The states, then the signals that are none, as one column."""
     system = program.system
     states = sum(count_of(size) for _, size, _ in system.states.values())
-    wanted = [system.x[:states], *[ca.densify(value) for name, (value, _) in system.signals.items() if system.rows(name) is None]]
+    wanted = [system.x[:states], *[ca.densify(value) for name, (value, _) in system.signals.items() if system.state_index(name) is None]]
     return ca.densify(program.closed(ca.vertcat(*wanted)))
 
 

@@ -38,15 +38,15 @@ def export_schedule(found: Schedule, machine: ClosedLoop | HybridSystem, path: s
     SceneError
         If the law is continuous, or has no form in C, or the schedule was loaded.
     """
-    bare, rows = as_loop(machine).bare, []
+    bare, rows = as_loop(machine).without_controllers, []
     for depth in found.depths:
-        made, period = only_law(bare.but(controllers=(found.law_at(depth),)))
+        made, period = only_law(bare.replace(controllers=(found.law_at(depth),)))
         if period is None or hasattr(made, "export_c"):
             raise SceneError(
                 "Argument `found` must be the schedule of a sampled law whose gains are numbers in C: give `Sampled` with one to `schedule`."
             )
         rows.append([value for _, _, value, _ in opened(made, period, gains=True).gains])
-    c, h = export_c(bare.but(controllers=(found.law_at(found.depths[0]),)), path)
+    c, h = export_c(bare.replace(controllers=(found.law_at(found.depths[0]),)), path)
     name, many, depths = c.stem, len(rows[0]), len(rows)
     table = c.with_name(f"{name}_depth.c")
     text = "\n".join(

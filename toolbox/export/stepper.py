@@ -268,8 +268,8 @@ class Stepper:
 
     def _switches(self) -> list[Event]:
         work, system = self._work, self._program.system
-        told = [(i, element.name, element.legend) for i, element in enumerate(system.elements) if not element.second]
-        told += [(place, name, legend) for name in system.leaders for place, legend in [system.switch(name)]]
+        told = [(i, element.name, element.mode_names) for i, element in enumerate(system.elements) if not element.second]
+        told += [(place, name, legend) for name in system.shared_modes for place, legend in [system.element_modes(name)]]
         found = []
         for k in range(work.ints[layout.EVENTS]):
             before, after = (int(mode) for mode in work.ev_m[k, :2])

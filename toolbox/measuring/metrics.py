@@ -112,12 +112,12 @@ class Metric:
         if self.until is not None:
             number("until", self.until, "s", above=after, at_most=end)
         if self.looks_at == "contact":
-            words = system.element(self.of).legend.values()
+            words = system.element(self.of).mode_names.values()
             if "mode" in dict(self.settings) and self.mode not in words:
                 raise SceneError(f"There is no mode `{self.mode}` of `{self.of}`: {suggest(self.mode, words)}")
             return
         system.signal_unit(self.of)
-        rows = system.rows(self.of)
+        rows = system.state_index(self.of)
         if rows[1] is not None if rows else system.expression(self.of).numel() != 1:
             raise SceneError(f"Argument `signal` must be a scalar, but `{self.of}` has several entries: name one, e.g. `{self.of}.0`.")
         if self.name == "severity":

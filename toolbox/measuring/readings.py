@@ -56,7 +56,7 @@ class Layout:
         asked: list[tuple[float, ...]] = []
         for q, (m, span) in enumerate(zip(self.metrics, spans, strict=True)):
             if m.compiled not in OF_SIGNALS:
-                i, words = program.system.switch(m.of)
+                i, words = program.system.element_modes(m.of)
                 self.rows[q] = len(asked)
                 asked.append((i, next((number for number, word in words.items() if word == m.mode), -9), *span))
         self.asked = np.array(asked, float).reshape(-1, 4)

@@ -8,4 +8,4 @@ from .observers import Observer as Observer
 from .one_way_clutch import OneWayClutch as OneWayClutch
 from .regularisation import smoothed as smoothed
 from .relay import Relay as Relay
-from .remembering import Remembering as Remembering
+from .remembering import Stateful as Stateful

@@ -65,7 +65,7 @@ class ClosedLoop(Printed):
         The contact and the speed to judge; None where the only contact says it.
     duration, after, accuracy
         Length of a run [s], time from which on it is judged [s], and its accuracy, where a scene says so.
-    effort, reference, standstill
+    effort, reference, standstill_speed
         Where a scene says so: the input whose peak counts, the set-point of `signal`, as a number or as the input that is, and of a stop the value of
         `signal` at which the machine stands.
 
@@ -92,11 +92,11 @@ class ClosedLoop(Printed):
     accuracy: float | None = None
     effort: str | None = None
     reference: float | str | None = None
-    standstill: float | None = None
+    standstill_speed: float | None = None
 
     # ------------------------------------------------------------------------------------------------------------------------------ what it becomes
     @cached_property
-    def closed(self) -> Closed:
+    def assembly(self) -> Closed:
         """The closed system with its clocks. Raises SceneError for numbers out of bounds, unknown names, and laws that do not fit the plant."""
         own = {name: value for name, value in self.parameters.items() if self.plant.has_parameter(name)}
         both = next((name for name in self.parameters if name in self.inputs), None)
@@ -109,14 +109,14 @@ class ClosedLoop(Printed):
         if len(own) < len(self.parameters):
             system = system.with_parameters({name: value for name, value in self.parameters.items() if name not in own})
         changing = [name for name in self.inputs if not system.has_signal(name) and declared.has_parameter(name)]
-        return found._replace(system=system.varying(changing) if changing else system, plant=plant)
+        return found._replace(system=system.with_time_varying(changing) if changing else system, plant=plant)
 
     @cached_property
     def designed(self) -> list[Any]:
         """The laws as designed on the nominal plant, in order."""
         return designed_laws(self.plant, self.controllers)
 
-    def but(self, **changes: Any) -> ClosedLoop:
+    def replace(self, **changes: Any) -> ClosedLoop:
         """The loop with other values of some of its fields; laws that stay keep their design."""
         other = dataclasses.replace(self, **changes)
         if "designed" in self.__dict__ and not {"plant", "controllers"} & changes.keys():
@@ -125,32 +125,32 @@ class ClosedLoop(Printed):
 
     @cached_property
     def _given(self) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any], dict[str, Any]]:
-        kinds, values, typed = input_kinds(self.closed.system, self.inputs)
+        kinds, values, typed = input_kinds(self.assembly.system, self.inputs)
         changing = [name for name in values if self.plant.has_parameter(name) and not self.plant.has_signal(name)]
         for extreme in (min, max):  # what parts demand of their fields must hold where all are lowest, and where all are highest
             ends = {name: extreme(extremes(values[name])) for name in changing if extremes(values[name])}
             if ends:
-                self.closed.plant.with_parameters(ends)
+                self.assembly.plant.with_parameters(ends)
         return kinds, values, typed
 
     @property
-    def kinds(self) -> tuple[tuple[str, Any], ...]:
+    def input_kinds(self) -> tuple[tuple[str, Any], ...]:
         """How each input is given, which is structure."""
         return self._given[0]
 
     @property
-    def values(self) -> dict[str, Any]:
+    def input_values(self) -> dict[str, Any]:
         """{input: its checked value}: a float, a `Table`, a `Shape` or an expression of time."""
         return self._given[1]
 
     @cached_property
     def system(self) -> HybridSystem:
         """The plant with its laws as parts, as they run: sampled ones with memory and held signals, and the smooth friction of a plant that is smooth."""
-        system, plant = self.closed.system, self.closed.plant
+        system, plant = self.assembly.system, self.assembly.plant
         return smoothed(system, plant.widths, matched=plant.matched) if isinstance(plant, SmoothSystem) else system
 
     @cached_property
-    def continuous(self) -> ClosedLoop:
+    def continuous_loop(self) -> ClosedLoop:
         """Return the same loop with every controller in its continuous form, also if it runs sampled.
 
         Raises SceneError for a law without one, such as a Python callable.
@@ -163,12 +163,12 @@ class ClosedLoop(Printed):
 
     def unsampled(self) -> ClosedLoop:
         """Return the loop itself if no controller samples. Raises SceneError for a sample time, which a continuous form does not use."""
-        if self.sampled:
+        if self.is_sampled:
             raise SceneError(
                 "Argument `loop` must hold laws in their continuous form, but it holds a sampled one, whose sample time and delay would be left out: "
                 "give `loop.continuous` for the limit of fast sampling; `onset` and `margins` take it as it is."
             )
-        return self.continuous
+        return self.continuous_loop
 
     def with_controllers(self, controllers: Iterable[Any]) -> ClosedLoop:
         """The loop with its laws sampled, sensed or wrapped otherwise, in their order, each designed as it is."""
@@ -177,31 +177,34 @@ class ClosedLoop(Printed):
         return other
 
     @property
-    def bare(self) -> ClosedLoop:
+    def without_controllers(self) -> ClosedLoop:
         """The loop without its laws, with those inputs and parameters that the plant alone has."""
         own = {name: value for name, value in self.parameters.items() if self.plant.has_parameter(name)}
         inputs = {name: value for name, value in self.inputs.items() if name in self.plant.inputs or self.plant.has_parameter(name)}
         return dataclasses.replace(self, controllers=(), parameters=own, inputs=inputs)
 
     @property
-    def sampled(self) -> bool:
+    def is_sampled(self) -> bool:
         """Whether a law of the loop samples."""
         return any(isinstance(law, Sampled) for law in self.controllers)
 
     @property
-    def changes_in_time(self) -> bool:
+    def depends_on_time(self) -> bool:
         """Whether time itself enters the equations of the plant or of a law, whatever the inputs are; nobody knows it of a law in Python."""
         laws = [each for update in self.system.updates for each in (update.following, update.outputs)]
-        return bool(ca.depends_on(ca.vertcat(self.system.switching.field, *laws), self.system.t))
+        return bool(ca.depends_on(ca.vertcat(self.system.switched_equations.field, *laws), self.system.t))
 
-    def constant_inputs(self, word: str) -> dict[str, float]:
-        """Return the inputs as numbers. Raises SceneError if an input varies in time; `word` names the function that needs constants."""
-        moving = next((name for name, value in self.values.items() if not isinstance(value, float)), None)
+    def constant_inputs(self, function: str) -> dict[str, float]:
+        """Return the inputs as numbers. Raises SceneError if an input varies in time.
+
+        The error says that the function of the name `function` needs constant inputs.
+        """
+        moving = next((name for name, value in self.input_values.items() if not isinstance(value, float)), None)
         if moving is not None:
             raise SceneError(
-                f"Argument `{moving}` must be a number for {word}, but the loop varies it in time: give `loop.at({moving!r}, value)`."
+                f"Argument `{moving}` must be a number for {function}, but the loop varies it in time: give `loop.at({moving!r}, value)`."
             )
-        return dict(self.values)
+        return dict(self.input_values)
 
     def target(self, signal: str) -> float | None:
         """Return the value that a signal is to reach: the value of `reference`. None if no target is given."""
@@ -226,7 +229,7 @@ class ClosedLoop(Printed):
         return numbers_in(self)
 
     @cached_property
-    def overridden(self) -> dict[str, str]:
+    def overriding_inputs(self) -> dict[str, str]:
         """{parameter that has no effect: the input that takes its place}."""
         scalars = [name for name, entry in self.system.parameters.items() if entry.size is None]
         known = [(name, number_of(self, name)) for name in scalars]
@@ -257,7 +260,7 @@ class ClosedLoop(Printed):
             raise SceneError(f"Argument `{name}` must be one number, but it has {len(listed)} entries: name one, e.g. `{listed[0]}`.")
         raise SceneError(f"There is no number `{name}` in this loop: {suggest(name, known)}")
 
-    def free(self, name: str) -> Number:
+    def varied_number(self, name: str) -> Number:
         """Return the number with this name, which is to vary. Raises SceneError if the name is unknown, or if an input overrides the number,
         so that nothing would change."""
         number = self.number(name)
@@ -267,15 +270,15 @@ class ClosedLoop(Printed):
             raise SceneError(f"Argument `{name}` must have an effect to be varied, but {why}.")
         return number
 
-    def acting(self, name: str, verb: str, also: Callable[[Number], bool] = lambda number: False) -> Number:
-        """Return an input, a parameter of the equations, or a number for which `also` is true, for functions that need derivatives. Raises
-        SceneError for any other number."""
-        number = self.free(name)
-        if not (number.kind.has_slope or also(number)):
-            raise SceneError(f"Argument `{name}` must be an input or a parameter for `{verb}`, but {number.kind.why}.")
+    def differentiable_number(self, name: str, function: str, allowed: Callable[[Number], bool] = lambda number: False) -> Number:
+        """Return an input, a parameter of the equations, or a number for which `allowed` is true, for the function of the name `function`, which needs
+        derivatives. Raises SceneError for any other number."""
+        number = self.varied_number(name)
+        if not (number.kind.has_slope or allowed(number)):
+            raise SceneError(f"Argument `{name}` must be an input or a parameter for `{function}`, but {number.kind.why}.")
         if np.isnan(number.value):
             raise SceneError(
-                f"Argument `{name}` must be a constant input for `{verb}`, but it varies in time: give `loop.at({name!r}, value)` or name a number of it."
+                f"Argument `{name}` must be a constant input for `{function}`, but it varies in time: give `loop.at({name!r}, value)` or name a number of it."
             )
         return number
 
@@ -315,14 +318,14 @@ class ClosedLoop(Printed):
                 # a law may take the place of an input and its default
                 owner = self.plant if self.plant.has_parameter(name) else self.system
                 values[name] = in_si(value, owner._parameter(name).unit, name)
-        return loop.but(parameters=values)
+        return loop.replace(parameters=values)
 
     # --------------------------------------------------------------------------------------------------------------------------------- as a value
     @cached_property
     def _key(self) -> tuple[Any, ...]:
         plant = self.plant.sharp if isinstance(self.plant, SmoothSystem) else self.plant
         smooth = (tuple(self.plant.widths.items()), self.plant.matched) if isinstance(self.plant, SmoothSystem) else None
-        inputs = tuple(sorted((name, _plain(value)) for name, value in self.values.items()))
+        inputs = tuple(sorted((name, _plain(value)) for name, value in self.input_values.items()))
         numbers = tuple(tuple(sorted((name, _plain(value)) for name, value in given.items())) for given in (self.parameters, self.start))
         named = tuple(getattr(self, each.name) for each in dataclasses.fields(self)[5:])  # what a scene says
         return tuple(map(structure_of, plant.parts)), plant.values.tobytes(), smooth, self.controllers, inputs, numbers, named
@@ -350,7 +353,7 @@ class ClosedLoop(Printed):
         for word, given in (("inputs", self.inputs), ("parameters", self.parameters), ("start", self.start)):
             if given:
                 lines.append(f"  {word}: " + ", ".join(f"{name} {self._read(name, value)}" for name, value in given.items()))
-        lines += [f"  {name} has no effect, because the input {taking} takes its place" for name, taking in self.overridden.items()]
+        lines += [f"  {name} has no effect, because the input {taking} takes its place" for name, taking in self.overriding_inputs.items()]
         return "\n".join(lines)
 
     __repr__ = __str__
@@ -359,7 +362,7 @@ class ClosedLoop(Printed):
     def controller_names(self) -> list[str]:
         """Each controller with its sample time and the numbers that it takes on this plant, as an engineer types them into a drive, in the
         units that were typed."""
-        laws = zip(self.controllers, map(law_of, self.closed.system.parts[len(self.closed.plant.parts) :]), strict=True)
+        laws = zip(self.controllers, map(law_of, self.assembly.system.parts[len(self.assembly.plant.parts) :]), strict=True)
         known = [
             (given, law if isinstance(law, Controller) else getattr(given, "law", None)) for given, law in laws
         ]  # in Python: as it was given
@@ -445,8 +448,8 @@ def closed_loop(
     if inputs is not None or parameters is not None:
         others = mapping("parameters", parameters)
         changes["inputs"] = {name: value for name, value in base.inputs.items() if name not in others} | mapping("inputs", inputs)
-    loop = base.but(**changes).with_parameters(parameters)
-    return loop.but(inputs=loop._given[2])  # what is wrong is said here
+    loop = base.replace(**changes).with_parameters(parameters)
+    return loop.replace(inputs=loop._given[2])  # what is wrong is said here
 
 
 def as_loop(given: Any, argument: str = "loop") -> ClosedLoop:

@@ -67,7 +67,7 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
     callables: list[Any] = []
     seeds: list[int] = []
     for given, law in zip(laws, made, strict=True):
-        sampled = given.measured_by(declared.signal_unit) if isinstance(given, Sampled) else None
+        sampled = given.with_sensor_units(declared.signal_unit) if isinstance(given, Sampled) else None
         if sampled is not None:
             sampled.check()
             clocks.append((float(sampled.period), float(sampled.delay)))
@@ -85,7 +85,7 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
     }  # under another first word, a law writes down what is its own
     for law in made:
         for name in names(law.actuated_signals) if isinstance(law, Controller) else ():
-            driven = declared.routes.get(name, name)
+            driven = declared.redirected_signals.get(name, name)
             if driven not in closed.cache[NEEDED] and driven.partition(".")[0] in words:
                 raise SceneError(f"{kind_of(law)} drives `{driven}`, which no part of the machine needs: {suggest(driven, plant.inputs)}")
     return Closed(closed, plant, clocks, callables, seeds)

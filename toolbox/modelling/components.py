@@ -20,7 +20,7 @@ from toolbox.vocabulary import Renamed
 
 
 @dataclass
-class Update:
+class Update(Renamed):
     """The update of a sampled controller at a sample.
 
     Attributes
@@ -29,7 +29,7 @@ class Update:
         {state of the law: its next value}.
     outputs
         {signal name: (value to be held, unit)}.
-    external
+    from_callable
         Whether the values come from a Python callable instead.
     noise
         {name of a measured signal: symbol of its standard normal noise}.
@@ -37,12 +37,12 @@ class Update:
 
     memory: Mapping[State, Any]
     outputs: Mapping[str, tuple[Any, str]]
-    external: bool = False
+    from_callable: bool = False
     noise: Mapping[str, ca.SX] = dataclasses.field(default_factory=dict)
 
 
 @dataclass
-class Equations:
+class Equations(Renamed):
     """The equations that a part adds to a plant. The method `equations` of a `Component` returns them.
 
     Energy and power are written from the physics, not from the flow, so that the energy audit can compare the two. States are given as signals automatically.
@@ -51,7 +51,7 @@ class Equations:
     ----------
     flow
         {state: its time derivative}.
-    gives
+    outputs
         {signal name: (expression, unit)}.
     elements
         The set-valued elements whose forces the flow uses.
@@ -64,7 +64,7 @@ class Equations:
     """
 
     flow: Mapping[State, Any] = dataclasses.field(default_factory=dict)
-    gives: Mapping[str, tuple[Any, str]] = dataclasses.field(default_factory=dict)
+    outputs: Mapping[str, tuple[Any, str]] = dataclasses.field(default_factory=dict)
     elements: Sequence[Element] = ()
     stored: Any = None
     losses: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -104,7 +104,7 @@ class Component(Renamed, Declared):
         return {}
 
     @property
-    def routes(self) -> Mapping[str, str]:
+    def redirected_signals(self) -> Mapping[str, str]:
         """{signal that control laws name: signal they find in its place while this part is in the plant}; none for most parts.
 
         A part that stands between control laws and what they drive, such as an actuator, needs no other laws: {"top.torque": "drive.command"}.
@@ -360,7 +360,7 @@ def equations_of(symbolic: Component, signal: Callable[..., ca.SX], title: str) 
     for variable in equations.flow:
         if not isinstance(variable, State):
             raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
-    for name, given in equations.gives.items():
+    for name, given in equations.outputs.items():
         if not (isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], str)):
             raise SceneError(f"The signal `{name}` that {title} gives must be (expression, unit), but it is {given!r}.")
     return equations

@@ -114,7 +114,7 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
             raise
         if len(_COMPOSED) >= 256:
             _COMPOSED.pop(next(iter(list(_COMPOSED)), None), None)
-        shared.must_hold = check_numbers
+        shared.parameter_check = check_numbers
         _COMPOSED[key] = shared
     system = numbered(shared, components)
     check_numbers(system)
@@ -167,7 +167,7 @@ class _Composer:
         self.updates: list[tuple[Update, int, tuple[str, ...], dict[str, tuple[int, int | None]]]] = []
         self.routes: dict[str, str] = {}
         for component in components:
-            for name, target in component.routes.items():
+            for name, target in component.redirected_signals.items():
                 if name in self.routes:
                     raise SceneError(f"Two parts stand between control laws and `{name}`: a plant can have one.")
                 self.routes[name] = target
@@ -192,7 +192,7 @@ class _Composer:
         equations = equations_of(symbolic, signal, title)
         memory = equations.update.memory if equations.update is not None else equations.flow
         first = next(iter(memory), None)
-        label = first.label if first is not None else next(iter(equations.gives), "")
+        label = first.label if first is not None else next(iter(equations.outputs), "")
         if first is None and hasattr(law, "actuated_signals"):  # what a control law gives belongs to the plant
             label = type(law).__name__.lower()
         prefix = label.partition(".")[0] or title.lower()
@@ -215,7 +215,7 @@ class _Composer:
             self._need(renamed(name), unit, default, placeholder, title)
         for variable, derivative in equations.flow.items():
             self._add_state(renamed(variable.label), variable, derivative, variable.unit)
-        for name, (expression, unit) in equations.gives.items():
+        for name, (expression, unit) in equations.outputs.items():
             self._give(renamed(name), ca.SX(expression), unit)
         if equations.update is not None:
             self._add_update(equations.update, renamed)
@@ -283,10 +283,10 @@ class _Composer:
         self.updates.append((update, first_held, tuple(outputs), places))
 
     def _check_regular(self, title: str, equations: Equations) -> None:
-        expressions = [*equations.flow.values(), *(e for e, _ in equations.gives.values())]
+        expressions = [*equations.flow.values(), *(e for e, _ in equations.outputs.values())]
         for element in equations.elements:
             expressions += [*element.flow.values(), *(power for powers in element.powers for power in powers.values())]
-            expressions += [getattr(element, name) for name in element.expressions]
+            expressions += [getattr(element, name) for name in element.expression_fields]
         expressions += [*equations.losses.values(), *equations.supplies.values(), 0 if equations.stored is None else equations.stored]
         if equations.update is not None:
             expressions += [*equations.update.memory.values(), *(e for e, _ in equations.update.outputs.values())]
@@ -341,7 +341,7 @@ class _Composer:
         system.flow = ca.vertcat(*[bundle[f"flow:{i}"] for i in range(len(self.flow))])
         system.states, system.begin = self.states, np.concatenate(self.begin)
         for i, element in enumerate(self.elements):
-            for name in element.expressions:
+            for name in element.expression_fields:
                 setattr(element, name, bundle[f"{name}:{i}"])
         bundle = self._grouped(system, bundle)
         system.F, system.m = _column([e.multiplier for e in self.elements]), _column([e.mode for e in self.elements])
@@ -350,12 +350,12 @@ class _Composer:
             setattr(system, kind, {name: bundle[f"{kind}:{name}"] for name in getattr(self, kind)})
         system.updates = tuple(
             SampledUpdate(
-                _column(update.memory), bundle[f"memory:{i}"], bundle[f"output:{i}"], names, places, first, update.external,
+                _column(update.memory), bundle[f"memory:{i}"], bundle[f"output:{i}"], names, places, first, update.from_callable,
                 _column(update.noise.values()), tuple(update.noise),
             )
             for i, (update, first, names, places) in enumerate(self.updates)
         )  # fmt: skip
-        system.inputs, system.parameters, system.routes, system.owners = inputs, self.parameters, self.routes, self.owners
+        system.inputs, system.parameters, system.redirected_signals, system.owners = inputs, self.parameters, self.routes, self.owners
         system.elements, system.modeless = tuple(self.elements), self.modeless
         system.values, system.cache, system.parts = np.array(self.values, float), {NEEDED: frozenset(self.placeholders)}, ()
         self._check(system, bundle)
@@ -366,7 +366,7 @@ class _Composer:
         groups = grouped(time, system.x, system.flow, self.elements)
         if groups is None:
             return bundle
-        self.elements, system.flow, system.leaders = groups.elements, groups.flow, groups.leaders
+        self.elements, system.flow, system.shared_modes = groups.elements, groups.flow, groups.leaders
         return _substituted(bundle, groups.old, groups.new)
 
     def _inputs(self) -> dict[str, Input]:
@@ -411,7 +411,7 @@ class _Composer:
         for kind in ("stored", "losses", "supplies"):
             bundle |= {f"{kind}:{k}": v for k, v in getattr(self, kind).items()}
         for i, element in enumerate(self.elements):
-            bundle |= {f"{name}:{i}": getattr(element, name) for name in element.expressions}
+            bundle |= {f"{name}:{i}": getattr(element, name) for name in element.expression_fields}
         for i, (update, _, _, _) in enumerate(self.updates):
             bundle[f"memory:{i}"] = ca.densify(_column(map(ca.SX, update.memory.values())))
             bundle[f"output:{i}"] = ca.densify(ca.vertcat(*[ca.SX(value) for value, _ in update.outputs.values()], *update.memory))
@@ -442,7 +442,7 @@ class _Composer:
         slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if e.rigid or e.has_gap])
         if ca.depends_on(slips, system.held):
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")
-        _ = system.switching  # raises where the elements are not well posed
+        _ = system.switched_equations  # raises where the elements are not well posed
         check_rates(time, system.x, others, system.flow, system.elements)
 
 

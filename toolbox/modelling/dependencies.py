@@ -107,7 +107,7 @@ class _Graph:
     """What each state, element, and memory or output of a sampled law is computed from: entries of the four, numbered in that order."""
 
     def __init__(self, system: HybridSystem):
-        self.system, form = system, system.switching
+        self.system, form = system, system.switched_equations
         self.elements = [element.name for element in system.elements]
         self.nodes = ca.vertcat(system.x, system.m, *(update.memory for update in system.updates), system.held)
         guards = [ca.vertcat(form.guards[2 * i], form.guards[2 * i + 1]) for i in range(len(self.elements))]
@@ -115,7 +115,9 @@ class _Graph:
         of_laws = [
             entry for each in (*following, *(update.outputs for update in system.updates)) for entry in ca.vertsplit(ca.densify(each))
         ]
-        self.expressions = [system.with_forces(each) for each in (*(form.field[j] for j in range(system.x.numel())), *guards, *of_laws)]
+        self.expressions = [
+            system.substitute_forces(each) for each in (*(form.field[j] for j in range(system.x.numel())), *guards, *of_laws)
+        ]
         self.depends = [_columns(expression, self.nodes) for expression in self.expressions]
 
     def places(self, name: str) -> set[int]:
@@ -131,7 +133,7 @@ class _Graph:
         seen = {place for name in names if name in self.elements for place in self.places(name)}
         for name in (name for name in names if name not in self.elements):
             system.signal_unit(name)
-            read = ca.vertcat(read, system.with_forces(system.expression(name)))
+            read = ca.vertcat(read, system.substitute_forces(system.expression(name)))
         seen |= _columns(read, self.nodes)
         waiting = list(seen)
         while waiting:

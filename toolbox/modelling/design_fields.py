@@ -19,11 +19,11 @@ Loop = Any
 def acts(loop: Loop, name: str) -> bool:
     """Whether a parameter of the closed system enters its motion, or the default of an input that is not given."""
     system = loop.system
-    entry, more = system._parameter(name), [each.default for name, each in system.inputs.items() if name not in loop.values]
+    entry, more = system._parameter(name), [each.default for name, each in system.inputs.items() if name not in loop.input_values]
     symbol = system.p[entry.offset : entry.offset + count_of(entry.size)]
 
     def motion() -> ca.SX:
-        of_elements = [getattr(element, kind) for element in system.elements for kind in element.expressions]
+        of_elements = [getattr(element, kind) for element in system.elements for kind in element.expression_fields]
         of_laws = [each for update in system.updates for each in (update.following, update.outputs)]
         return ca.vertcat(system.flow, *(ca.vec(ca.SX(each)) for each in (*of_elements, *of_laws)))
 
@@ -72,7 +72,7 @@ def redesigned(loop: Loop, name: str, value: float) -> Loop:
     assert index is not None
     given = loop.controllers[index]
     law = with_field(given.law if isinstance(given, Sampled) else given, name.split(".")[1:], value)
-    return loop.but(controllers=(*loop.controllers[:index], as_sampled(given, law), *loop.controllers[index + 1 :]))
+    return loop.replace(controllers=(*loop.controllers[:index], as_sampled(given, law), *loop.controllers[index + 1 :]))
 
 
 def as_sampled(given: Any, law: Any) -> Any:

@@ -22,7 +22,7 @@ def drive_of(plant: HybridSystem) -> tuple[str, str]:
 
     Raises SceneError if there is none.
     """
-    found = drive_among((*plant.routes, *plant.inputs), lambda name: name in plant.routes or plant.has_signal(name))
+    found = drive_among((*plant.redirected_signals, *plant.inputs), lambda name: name in plant.redirected_signals or plant.has_signal(name))
     if found is None:
         scalars = [name for name, (expression, _) in plant.signals.items() if expression.numel() == 1] or ["..."]
         speed = next((name for name in scalars if name.endswith(".speed")), scalars[0])

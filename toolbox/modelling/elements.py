@@ -231,7 +231,7 @@ class FrictionLaw(Renamed, Declared):
 
     Write your own law as a frozen dataclass that is a subclass. Declare its numeric fields with `quantity`, and write
     `sliding` and `breakaway`. The law must be smooth for positive slip speeds, except at kinks of fabs, fmin and fmax
-    and at the speeds at which it jumps, which it must declare.
+    and at the speeds at which it jumps, which it must declare as `break_speeds`.
 
     A law with memory declares its internal states in `memory` and writes `evolution`. `sliding` is then the friction at
     constant slip speed. The force follows from states and slip alone, as for bristles (Dahl 1968) and rate-and-state
@@ -286,7 +286,7 @@ class FrictionLaw(Renamed, Declared):
         """
         raise _without(self, "sliding", "kinetic friction per unit of load")
 
-    def breaks(self) -> tuple[Any, ...]:
+    def break_speeds(self) -> tuple[Any, ...]:
         """Return the slip speeds > 0 at which the law drops. Each drop is located as an event of the element `contact.break`."""
         return ()
 
@@ -306,7 +306,7 @@ FRICTION, RIGID, SWITCH = range(3)
 """Kinds of elements in the compiled steps: friction and relays hold or slide; a rigid contact holds (0) or is free (1); a switch is in mode 0 or 1."""
 
 
-class Element:
+class Element(Renamed):
     """A set-valued or switching element with one integer mode.
 
     Elements that hold (`DryFriction`, `Relay`, rigid `UnilateralContact`) keep `slip` at zero in mode 0, by whatever multiplier that takes; else
@@ -316,13 +316,13 @@ class Element:
     What an element can do it answers; nobody asks for its class.
     """
 
-    legend: Mapping[int, str] = {0: "stick", 1: "slip+", -1: "slip-"}
-    expressions: ClassVar[tuple[str, ...]] = ("slip", "static", "load", "sliding")  # names of what may hold symbols of the equations
-    watched: ClassVar[str] = ""  # name of the expression that switches it, where forces and slip do not
+    mode_names: Mapping[int, str] = {0: "stick", 1: "slip+", -1: "slip-"}
+    expression_fields: ClassVar[tuple[str, ...]] = ("slip", "static", "load", "sliding")  # names of what may hold symbols of the equations
+    event_field: ClassVar[str] = ""  # name of the expression that switches it, where forces and slip do not
     holds: bool = True
     rigid: bool = False  # holds a gap closed, and strikes
     has_gap: ClassVar[bool] = False
-    one_way: ClassVar[bool] = False  # holds a slip, as a gap is held, by a force of one sign
+    is_unilateral: ClassVar[bool] = False  # holds a slip, as a gap is held, by a force of one sign
     higher_degree: bool = False  # a relay whose surface its force reaches through lags
     second: ClassVar[bool] = False  # the second slip direction of the friction before it
     initial: int = 0
@@ -369,7 +369,7 @@ class Element:
     def mapped(self, change: Callable[[ca.SX], ca.SX]) -> Element:
         """A copy with all its expressions changed."""
         twin = copy.copy(self)
-        for name in self.expressions:
+        for name in self.expression_fields:
             setattr(twin, name, change(getattr(self, name)))
         return twin
 
@@ -453,7 +453,7 @@ class DryFriction(Element):
         speed = self.mode * self.slip
         second = []
         if self.directions == 2:
-            self.legend = {0: "stick", 1: "slip"}
+            self.mode_names = {0: "stick", 1: "slip"}
             self.speed = speed = ca.SX.sym(f"{name}.speed")
             second = [SecondDirection(f"{name}.direction", slips[1], slip_unit, force_unit)]
             self.force = ca.vertcat(self.multiplier, second[0].multiplier)
@@ -461,7 +461,7 @@ class DryFriction(Element):
         if back is not law:
             self._two_way(law, back, speed)
             return
-        jumps = _jumps(name, law.breaks(), speed)
+        jumps = _jumps(name, law.break_speeds(), speed)
         self.companions = [*second, *jumps]
         self.sliding = _expression(law, "sliding", law.sliding(speed, *[jump.mode for jump in jumps]))
         self.static = self.load * _expression(law, "breakaway", law.breakaway())
@@ -472,12 +472,12 @@ class DryFriction(Element):
             raise SceneError(
                 f"The law of `{self.name}` must be one for both directions, as it slips in a plane, but {type(law).__name__} has two."
             )
-        jumps = _jumps(self.name, [*law.breaks(), *back.breaks()], speed)
+        jumps = _jumps(self.name, [*law.break_speeds(), *back.break_speeds()], speed)
         self.companions, beyond = jumps, [jump.mode for jump in jumps]
         ahead, behind = (_expression(each, "breakaway", each.breakaway()) for each in (law, back))
         shift = (behind - ahead) / 2
-        slides = _expression(law, "sliding", law.sliding(speed, *beyond[: len(law.breaks())])) + shift
-        returns = _expression(back, "sliding", back.sliding(speed, *beyond[len(law.breaks()) :])) - shift
+        slides = _expression(law, "sliding", law.sliding(speed, *beyond[: len(law.break_speeds())])) + shift
+        returns = _expression(back, "sliding", back.sliding(speed, *beyond[len(law.break_speeds()) :])) - shift
         self.sliding = (slides + returns) / 2 + self.mode * (slides - returns) / 2
         self.static = self.load * (ahead + behind) / 2
         self.force = self.multiplier + self.load * shift
@@ -511,7 +511,7 @@ class DryFriction(Element):
 class SecondDirection(Element):
     """The second direction of the `DryFriction` before it: its slip and its multiplier, and whose direction the force of both has."""
 
-    legend: Mapping[int, str] = {0: "pull", 1: "slip"}
+    mode_names: Mapping[int, str] = {0: "pull", 1: "slip"}
     second: ClassVar[bool] = True
 
     @property
@@ -535,9 +535,9 @@ class Hysteresis(Element):
     chatters: use a `Relay` for this case.
     """
 
-    legend: Mapping[int, str] = {0: "low", 1: "high"}
-    expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "signal", "low", "high")
-    watched: ClassVar[str] = "signal"
+    mode_names: Mapping[int, str] = {0: "low", 1: "high"}
+    expression_fields: ClassVar[tuple[str, ...]] = (*Element.expression_fields, "signal", "low", "high")
+    event_field: ClassVar[str] = "signal"
     holds = False
 
     def __init__(self, name: str, signal: ca.SX, low: ca.SX | float, high: ca.SX | float, *, start: str = "low", signal_unit: str = "1"):
@@ -564,7 +564,7 @@ class Hysteresis(Element):
 class _Break(Hysteresis):
     """Whether a slip speed is below or beyond a break of its law."""
 
-    legend: Mapping[int, str] = {0: "below", 1: "beyond"}
+    mode_names: Mapping[int, str] = {0: "below", 1: "beyond"}
 
     def __init__(self, name: str, speed: ca.SX, place: ca.SX | float):
         super().__init__(name, speed, place, place, start="low")

@@ -49,7 +49,7 @@ class GroupLaw(FrictionLaw):
     def _each(self, speed: ca.SX, beyond: Sequence[ca.SX]) -> list[ca.SX]:
         left, found = list(beyond), []
         for size, law, load in self.parts:
-            own = [left.pop(0) for _ in law.breaks()]
+            own = [left.pop(0) for _ in law.break_speeds()]
             found.append(size * load * law.sliding(size * speed, *own))
         return found
 
@@ -61,8 +61,8 @@ class GroupLaw(FrictionLaw):
             return self
         return GroupLaw(tuple((size, law.reverse(), load) for size, law, load in self.parts))
 
-    def breaks(self) -> tuple[ca.SX, ...]:
-        return tuple(place / size for size, law, _ in self.parts for place in law.breaks())
+    def break_speeds(self) -> tuple[ca.SX, ...]:
+        return tuple(place / size for size, law, _ in self.parts for place in law.break_speeds())
 
     def breakaway(self) -> ca.SX:
         return sum((size * load * law.breakaway() for size, law, load in self.parts), ca.SX(0))

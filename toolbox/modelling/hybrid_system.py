@@ -75,7 +75,7 @@ class SampledUpdate(NamedTuple):
     names: tuple[str, ...]
     places: dict[str, tuple[int, int | None]]
     first_held: int
-    external: bool
+    from_callable: bool
     noise: ca.SX
     channels: tuple[str, ...]
 
@@ -105,7 +105,7 @@ class HybridSystem(Renamed):
         Where states start unless a run says otherwise, shape (n,): 0, or what a law with memory declares.
     values
         Declared parameter values, shape (n_p,).
-    leaders
+    shared_modes
         {friction: (friction on the same slip whose mode it has, sign of its slip against that one)}.
     owners
         {state or element: index of the part that has it}.
@@ -113,13 +113,13 @@ class HybridSystem(Renamed):
         Symbols of the signals that sampled laws hold.
     updates
         Those laws.
-    routes
+    redirected_signals
         {signal that control laws name: what they find in its place}.
     cache
         What is computed or compiled once per structure.
-    told
+    typed_units
         {unit: unit that was typed} in the scene that the plant is of; None without one.
-    must_hold
+    parameter_check
         Raises SceneError for numbers with which the forces of the plant cannot act as they must; None where nothing is asked.
 
     Examples
@@ -146,7 +146,7 @@ class HybridSystem(Renamed):
     parameters: dict[str, Parameter]
     elements: tuple[Element, ...]
     modeless: Mapping[str, str]
-    leaders: Mapping[str, tuple[str, ca.SX]] = MappingProxyType({})
+    shared_modes: Mapping[str, tuple[str, ca.SX]] = MappingProxyType({})
     begin: np.ndarray
     stored: dict[str, ca.SX]
     losses: dict[str, ca.SX]
@@ -154,10 +154,10 @@ class HybridSystem(Renamed):
     owners: dict[str, int]
     held: ca.SX
     updates: tuple[SampledUpdate, ...]
-    routes: dict[str, str]
+    redirected_signals: dict[str, str]
     cache: dict[Any, Any]
-    told: Mapping[str, str] | None = None
-    must_hold: Callable[[HybridSystem], None] | None = None
+    typed_units: Mapping[str, str] | None = None
+    parameter_check: Callable[[HybridSystem], None] | None = None
 
     @cached_property
     def _typed(self) -> Mapping[str, str]:
@@ -166,7 +166,7 @@ class HybridSystem(Renamed):
     @property
     def display_units(self) -> Mapping[str, str]:
         """{SI unit: unit that was typed}, the units of answers about the plant: the units of its scene, else of the fields of its parts."""
-        return self._typed if self.told is None else self.told
+        return self._typed if self.typed_units is None else self.typed_units
 
     def __repr__(self) -> str:
         parts = ", ".join(type(part).__name__ for part in self.parts)
@@ -184,24 +184,24 @@ class HybridSystem(Renamed):
         return table(repr(self), ("parameter", "value", "unit", "meaning"), rows)
 
     @property
-    def switching(self) -> Switching:
+    def switched_equations(self) -> Switching:
         """Fields, forces and guards with modes as numeric input, in the symbols t, x, u, p, m."""
         return self.once("switching", lambda: switching(self.t, self.x, self.flow, self.elements))
 
     @property
     def rhs(self) -> ca.Function:
         """casadi Function (t, x, u, p, m) -> dx/dt; m holds one of 0, 1, -1 per element."""
-        return self.function("rhs", self.switching.field, "dx")
+        return self.function("rhs", self.switched_equations.field, "dx")
 
     @property
-    def forces(self) -> ca.Function:
+    def force_function(self) -> ca.Function:
         """casadi Function (t, x, u, p, m) -> forces of the elements."""
-        return self.function("forces", self.switching.force, "F")
+        return self.function("forces", self.switched_equations.force, "F")
 
     @property
-    def slips(self) -> ca.Function:
+    def slip_function(self) -> ca.Function:
         """casadi Function (t, x, u, p, m) -> slips of the elements."""
-        return self.function("slips", ca.densify(self.switching.slip), "v")
+        return self.function("slips", ca.densify(self.switched_equations.slip), "v")
 
     @property
     def input_defaults(self) -> ca.Function:
@@ -226,14 +226,14 @@ class HybridSystem(Renamed):
 
     def to_casadi(self) -> dict[str, ca.SX]:
         """The plant as a casadi semi-explicit description: x, u, p (with m appended), t and ode, for other casadi tools."""
-        return {"t": self.t, "x": self.x, "u": self.u, "p": ca.vertcat(self.p, self.m), "ode": self.switching.field}
+        return {"t": self.t, "x": self.x, "u": self.u, "p": ca.vertcat(self.p, self.m), "ode": self.switched_equations.field}
 
     def __copy__(self) -> HybridSystem:
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
         return twin
 
-    def rows(self, name: str) -> tuple[int, int | None, str] | None:
+    def state_index(self, name: str) -> tuple[int, int | None, str] | None:
         """(first row of x, size or None, unit) of a state or of one entry of a vector state (`chain.speed.0`); None for any other name."""
         if not isinstance(name, str):
             return None
@@ -246,7 +246,7 @@ class HybridSystem(Renamed):
 
     def has_signal(self, name: object) -> bool:
         """True for a signal, an input, or one entry of a vector state."""
-        return isinstance(name, str) and (name in self.signals or name in self.inputs or self.rows(name) is not None)
+        return isinstance(name, str) and (name in self.signals or name in self.inputs or self.state_index(name) is not None)
 
     def has_parameter(self, name: str) -> bool:
         """True for a parameter, or one entry of a tuple of them."""
@@ -267,20 +267,20 @@ class HybridSystem(Renamed):
         """The element of that name; raises SceneError for any other."""
         found = next((element for element in self.elements if element.name == name), None)
         if found is None:
-            raise self.no_element(name)
+            raise self.unknown_element_error(name)
         return found
 
-    def switch(self, name: str) -> tuple[int, Mapping[int, str]]:
+    def element_modes(self, name: str) -> tuple[int, Mapping[int, str]]:
         """(number of the element whose mode an element has, {mode of that one: word}): of a friction on the slip of another, the other one's."""
         element = self.element(name)
         names = [each.name for each in self.elements]
-        if name not in self.leaders:
-            return names.index(name), element.legend
-        leader, sign = self.leaders[name]
+        if name not in self.shared_modes:
+            return names.index(name), element.mode_names
+        leader, sign = self.shared_modes[name]
         side = float(ca.Function("side", [self.p], [sign])(self.values))
-        return names.index(leader), {int(side * mode): word for mode, word in element.legend.items()}
+        return names.index(leader), {int(side * mode): word for mode, word in element.mode_names.items()}
 
-    def no_element(self, name: str) -> SceneError:
+    def unknown_element_error(self, name: str) -> SceneError:
         """The error of a name that is no element: a contact without modes is none."""
         if name in self.modeless:
             return SceneError(
@@ -291,7 +291,7 @@ class HybridSystem(Renamed):
 
     def signal_unit(self, name: str) -> str:
         """Unit of a signal, an input, or one entry of a vector state; raises SceneError for any other name."""
-        rows = self.rows(name)
+        rows = self.state_index(name)
         if rows is not None:
             return rows[2]
         return self.signals[name][1] if isinstance(name, str) and name in self.signals else self._input(name).unit
@@ -300,12 +300,12 @@ class HybridSystem(Renamed):
         """A signal, an input, or one entry of a vector state in the symbols t, x, u, p, F and m; raises SceneError for an unknown name."""
         if isinstance(name, str) and name in self.signals:
             return self.signals[name][0]
-        rows = self.rows(name)
+        rows = self.state_index(name)
         return self._input(name).symbol if rows is None else self.x[rows[0]]
 
-    def with_forces(self, expression: ca.SX) -> ca.SX:
+    def substitute_forces(self, expression: ca.SX) -> ca.SX:
         """An expression with the forces of the elements as they follow from t, x, u, p and m."""
-        return ca.substitute(expression, self.F, self.switching.force) if self.elements else expression
+        return ca.substitute(expression, self.F, self.switched_equations.force) if self.elements else expression
 
     def input(self, name: str) -> Input:
         """The input of that name; raises SceneError for any other."""
@@ -361,11 +361,11 @@ class HybridSystem(Renamed):
         changed.parts = tuple(rebuilt(part, changed.values, offset) for part, offset in zip(self.parts, self._offsets(), strict=True))
         for part in changed.parts:
             checked(part)
-        if self.must_hold is not None:
-            self.must_hold(changed)
+        if self.parameter_check is not None:
+            self.parameter_check(changed)
         return changed
 
-    def varying(self, names: Sequence[str]) -> HybridSystem:
+    def with_time_varying(self, names: Sequence[str]) -> HybridSystem:
         """Return the same plant with scalar parameters as inputs of the same names, so that a run may change them in time.
 
         Use it for rock that gets harder on the way. Raises SceneError for an unknown name, for a tuple, and for a parameter that the stored energy depends
@@ -408,7 +408,7 @@ class HybridSystem(Renamed):
         for kind in ("stored", "losses", "supplies"):
             setattr(twin, kind, {name: change(expression) for name, expression in getattr(self, kind).items()})
         twin.updates = tuple(each._replace(following=change(each.following), outputs=change(each.outputs)) for each in self.updates)
-        twin.cache, twin.must_hold = {}, None
+        twin.cache, twin.parameter_check = {}, None
         return twin
 
     def _offsets(self) -> Iterator[int]:

@@ -75,7 +75,7 @@ class Controller(Component):
         asked: dict[str, bool] = {}
         equations = self.continuous(_noting(signal, asked))
         if isinstance(equations, Equations):
-            _check_driven(self, "continuous", equations.gives)
+            _check_driven(self, "continuous", equations.outputs)
         _check_measured(self, "continuous", asked)
         return equations
 
@@ -241,7 +241,7 @@ class Sampled(Renamed):
         for word in ("period", "delay"):
             object.__setattr__(self, word, in_si(getattr(self, word), "s", word))
 
-    def measured_by(self, unit: Callable[[str], str]) -> Sampled:
+    def with_sensor_units(self, unit: Callable[[str], str]) -> Sampled:
         """The same with noise and resolution as numbers; unit: that of a signal."""
         sensors: dict[str, Any] = {}
         for word in ("noise", "resolution"):
@@ -342,7 +342,7 @@ class External(Component):
             for name, unit, value in zip(self.measured_signals[-len(self.wanted) :], self.wanted, self.defaults, strict=True):
                 signal(name, unit, default=value)
         outputs = {name: (ca.SX(0), unit) for name, unit in zip(self.actuated_signals, self.units, strict=True)}
-        return Equations(update=Update({}, outputs, external=True, noise={name: ca.SX.sym(name) for name in self.sensors.noisy}))
+        return Equations(update=Update({}, outputs, from_callable=True, noise={name: ca.SX.sym(name) for name in self.sensors.noisy}))
 
     def answer(self, law: Any, time: float, values: Iterable[float], noise: Mapping[str, float]) -> np.ndarray:
         """What the callable drives at a sample, given the values of `measured_signals` and standard normal noise by channel.
@@ -401,7 +401,7 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         raise SceneError(f"Argument `controller` must be callable as (t, y), y what it measures in order, but: {error}.") from None
     own = [getattr(law, word, None) if getattr(sampled, word) is None else getattr(sampled, word) for word in SIGNALS]
     asked, driven = (names(drive_of(plant)[k] if each is None else each) for k, each in enumerate(own))
-    measures, drives = (tuple(plant.routes.get(name, name) for name in each) for each in (asked, driven))
+    measures, drives = (tuple(plant.redirected_signals.get(name, name) for name in each) for each in (asked, driven))
     for name in measures:
         if not plant.has_signal(name):
             raise SceneError(
@@ -418,7 +418,7 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
     if hasattr(law, "stand_ins"):
         raise SceneError("The attribute `stand_ins` of a callable controller is named `defaults` now: {signal: (value, unit)}.")
     more: dict[str, tuple[float, str]] = dict(getattr(law, "defaults", {}))
-    places = measures + tuple(plant.routes.get(name, name) for name in more)
+    places = measures + tuple(plant.redirected_signals.get(name, name) for name in more)
     return External(
         display_units=asked + tuple(more),
         measured_signals=places,

@@ -87,7 +87,7 @@ class InputKind(NumberKind):
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         kept = {each: given for each, given in loop.parameters.items() if each != name}
-        return loop.but(inputs={**loop.inputs, name: value}, parameters=kept)
+        return loop.replace(inputs={**loop.inputs, name: value}, parameters=kept)
 
     def varied(self, system: HybridSystem, inputs: Mapping[str, Any], name: str, value: float) -> tuple[HybridSystem, dict[str, Any]]:
         return system, {**inputs, name: value}
@@ -101,7 +101,7 @@ class ParameterKind(NumberKind):
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         kept = {each: given for each, given in loop.inputs.items() if each != name}
-        return loop.but(parameters={**loop.parameters, name: value}, inputs=kept)
+        return loop.replace(parameters={**loop.parameters, name: value}, inputs=kept)
 
     def varied(self, system: HybridSystem, inputs: Mapping[str, Any], name: str, value: float) -> tuple[HybridSystem, dict[str, Any]]:
         if not self.has_slope and not system.has_parameter(name):  # the continuous form of a loop has no sensors
@@ -124,8 +124,8 @@ class ShapeKind(NumberKind):
     """A number of the shape, or of the table, that an input has."""
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
-        head, _ = in_input(name, loop.values)
-        return loop.but(inputs={**loop.inputs, head: self.varied(loop.system, loop.values, name, value)[1][head]})
+        head, _ = in_input(name, loop.input_values)
+        return loop.replace(inputs={**loop.inputs, head: self.varied(loop.system, loop.input_values, name, value)[1][head]})
 
     def varied(self, system: HybridSystem, inputs: Mapping[str, Any], name: str, value: float) -> tuple[HybridSystem, dict[str, Any]]:
         head, key = in_input(name, inputs)
@@ -168,7 +168,7 @@ class StartKind(NumberKind):
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         row = row_of(loop.system, name)  # other names of the same state give way
         kept = {each: given for each, given in loop.start.items() if row is None or row_of(loop.system, each) != row}
-        return loop.but(start={**kept, name: value})
+        return loop.replace(start={**kept, name: value})
 
 
 class ShiftKind(NumberKind):

@@ -161,7 +161,7 @@ def numbers_in(loop: Loop) -> dict[str, Number]:
         names += [name] if entry.size is None else [f"{name}.{i}" for i in range(entry.size)]
     names += [name for i in range(len(loop.controllers)) for name in design_fields(loop, i)]
     names += [f"{prefix}.{word}" for prefix in kinds.clock_prefixes(loop) for word in kinds.CLOCK_KINDS]
-    for name, value in loop.values.items():
+    for name, value in loop.input_values.items():
         names += [f"{name}.{key}" for key in _shape_numbers(value)]
     sizes = {name: system.states[name][1] if name in system.states else None for name in started(system)}
     for name, size in (sizes | remembered(system)).items():
@@ -182,7 +182,7 @@ def put_all(loop: Loop, values: Mapping[str, NumberOrText]) -> Loop:
             each.check(together[each.name])
     if together:
         kept = {name: given for name, given in loop.inputs.items() if name not in together}
-        loop = loop.but(parameters={**loop.parameters, **together}, inputs=kept)
+        loop = loop.replace(parameters={**loop.parameters, **together}, inputs=kept)
     for name, each in numbers.items():
         if each.name not in together:
             loop = loop.at(name, values[name])
@@ -214,7 +214,7 @@ def number_of(loop: Loop, name: str) -> Number | None:
             return None
         kind, value = kinds.noise_or_resolution(name), float(system.parameter(name))
         return Number(name, entry.unit, kind, value, entry.meaning, entry.bounds, _usual(system, name), overridden(loop, name))
-    for given, value in loop.values.items():
+    for given, value in loop.input_values.items():
         key = name[len(given) + 1 :]
         if name.startswith(f"{given}.") and key in _shape_numbers(value):
             unit = shapes.UNITS.get(value.shape, {}).get(key, "s" if key.startswith("times.") else "")
@@ -243,9 +243,9 @@ def overridden(loop: Loop, name: str) -> str | None:
     system, plant = loop.system, loop.plant
     if not system.has_parameter(name):
         return None
-    defaults = {each: (system, system.inputs[each].default) for each in loop.values if each in system.inputs}
+    defaults = {each: (system, system.inputs[each].default) for each in loop.input_values if each in system.inputs}
     if plant.has_parameter(name) and not any(
-        delay > 0.0 for _, delay in loop.closed.clocks
+        delay > 0.0 for _, delay in loop.assembly.clocks
     ):  # a late law leaves the default until its first output
         defaults |= {each: (plant, entry.default) for each, entry in plant.inputs.items() if each not in system.inputs}
     for each, (owner, default) in defaults.items():
@@ -255,8 +255,8 @@ def overridden(loop: Loop, name: str) -> str | None:
 
 
 def _input_value(loop: Loop, name: str) -> float:
-    if name in loop.values:
-        value = loop.values[name]
+    if name in loop.input_values:
+        value = loop.input_values[name]
         return value if isinstance(value, float) else float("nan")
     system = loop.system
     return float(np.array(system.input_defaults(system.values)).ravel()[list(system.inputs).index(name)])
@@ -325,7 +325,7 @@ def law_with_numbers(loop: Loop) -> Any:
     if all(_declared(law, path) for path in paths.values()):
         written = as_sampled(given, functools.reduce(lambda node, name: with_field(node, paths[name], own[name]), own, law))
         with contextlib.suppress(SceneError, np.linalg.LinAlgError):
-            if np.array_equal(loop.but(controllers=(written, *loop.controllers[1:]), parameters=plant).system.values, system.values):
+            if np.array_equal(loop.replace(controllers=(written, *loop.controllers[1:]), parameters=plant).system.values, system.values):
                 return written
     return as_sampled(given, rebuilt(loop.designed[0], system.values, sum(len(numbers_of(part)) for part in loop.plant.parts)))
 

@@ -22,7 +22,7 @@ from toolbox.modelling.elements import State, state
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.law_in_python import LawInPython
 from toolbox.modelling.laws import Controller, designed
-from toolbox.modelling.remembering import Remembering
+from toolbox.modelling.remembering import Stateful
 
 
 class Estimator(Protocol):
@@ -53,7 +53,7 @@ class Observer(Controller):
 
     estimates: ClassVar[tuple[str, ...]] = ()
 
-    def estimator(self, plant: HybridSystem) -> Estimator | None:
+    def create_estimator(self, plant: HybridSystem) -> Estimator | None:
         """Return the object of an observer that is no casadi expression, such as an optimising observer, for the plant."""
         return None
 
@@ -99,7 +99,7 @@ class Observed(Controller):
     def design(self, plant: HybridSystem) -> Any:
         """The law and the observer designed on the plant; a Python callable where no expression holds the observer."""
         check_fields(self.observer)
-        estimator = self.observer.estimator(plant)
+        estimator = self.observer.create_estimator(plant)
         if estimator is not None:
             if self.delay_samples:
                 raise SceneError(
@@ -113,10 +113,10 @@ class Observed(Controller):
             raise SceneError("An observer of late commands has no continuous form: give `sample_time`.")
         commands, known = _commands(self.law, signal)
         seen = self.observer.continuous(known)
-        acts = self.law.continuous(_estimated(signal, seen.gives, commands))
-        flow = _with_commands({**seen.flow}, commands, acts.gives)
-        gives = {**acts.gives, **{f"estimate.{name}": value for name, value in seen.gives.items()}}
-        return Equations(flow={**acts.flow, **flow}, gives=gives, elements=acts.elements)
+        acts = self.law.continuous(_estimated(signal, seen.outputs, commands))
+        flow = _with_commands({**seen.flow}, commands, acts.outputs)
+        gives = {**acts.outputs, **{f"estimate.{name}": value for name, value in seen.outputs.items()}}
+        return Equations(flow={**acts.flow, **flow}, outputs=gives, elements=acts.elements)
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
         commands, known = _commands(self.law, signal)
@@ -134,10 +134,10 @@ class Observed(Controller):
         return Update({**acts.memory, **memory, **waiting}, outputs)
 
 
-class EstimatedLaw(Remembering):
+class EstimatedLaw(Stateful):
     """A law with a sampled form on the estimates of an `Estimator`: a callable (t, y) -> u; `estimates` are those of every sample so far."""
 
-    remembers: ClassVar[tuple[str, ...]] = ("estimator", "law")
+    memory_fields: ClassVar[tuple[str, ...]] = ("estimator", "law")
 
     def __init__(self, law: LawInPython, estimator: Estimator, measured_signals: tuple[str, ...]):
         self.law, self.estimator, self.actuated_signals, self.dt, self.own = (

@@ -32,10 +32,10 @@ class OneWayClutch(Element):
     locked
     """
 
-    legend: Mapping[int, str] = {0: "locked", 1: "free"}
-    expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "closure")
+    mode_names: Mapping[int, str] = {0: "locked", 1: "free"}
+    expression_fields: ClassVar[tuple[str, ...]] = (*Element.expression_fields, "closure")
     rigid = True
-    one_way: ClassVar[bool] = True
+    is_unilateral: ClassVar[bool] = True
     initial = 1
 
     def __init__(self, name: str, slip: ca.SX, *, slip_unit: str = "rad/s", force_unit: str = "N m"):

@@ -61,7 +61,7 @@ def driving_of(law: FrictionLaw, numbers: ca.SX) -> Callable[[np.ndarray], np.nd
     """
     try:
         speeds = ca.SX(SPEEDS)
-        friction = ca.Function("friction", [numbers], [law.sliding(speeds, *(speeds >= ca.SX(place) for place in law.breaks()))])
+        friction = ca.Function("friction", [numbers], [law.sliding(speeds, *(speeds >= ca.SX(place) for place in law.break_speeds()))])
     except Exception:  # whatever the code of a user does with symbols, which composing a plant tells in its own words
         return lambda rows: np.zeros(len(rows), bool)
 
@@ -81,7 +81,7 @@ def _below(friction: np.ndarray) -> np.ndarray:
 def _sliding(law: Any, speeds: np.ndarray) -> np.ndarray:
     """Friction per unit of load at slip speeds, shape (n,); nan where numbers do not tell it, which composing a plant does in its own words."""
     try:
-        beyond = [ca.DM((speeds >= float(place)) * 1.0) for place in law.breaks()]
+        beyond = [ca.DM((speeds >= float(place)) * 1.0) for place in law.break_speeds()]
         found = np.array(ca.evalf(ca.SX(law.sliding(ca.DM(speeds), *beyond)))).ravel()
     except Exception:  # whatever the code of a user does with numbers in place of symbols
         return np.full(speeds.size, np.nan)

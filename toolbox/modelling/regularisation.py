@@ -35,7 +35,7 @@ STICKING = 3.0
 class Creep(Hysteresis):
     """Whether a smoothed contact creeps ("stick") or slides ("slip")."""
 
-    legend: Mapping[int, str] = {0: "stick", 1: "slip"}
+    mode_names: Mapping[int, str] = {0: "stick", 1: "slip"}
 
     def __init__(self, name: str, slip: ca.SX, width: ca.SX):
         super().__init__(name, (slip / (STICKING * width)) ** 2, 0.9**2, 1.1**2)
@@ -176,7 +176,7 @@ def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) 
 def _pieces(law: FrictionLaw, v: ca.SX, width: Any) -> list[ca.SX]:
     """The plain form of a law at a slip, what lifts its peak, and the bound at which the peak is to be."""
     smooth = ca.tanh(v / width)
-    plain = smooth * law.sliding(v * smooth, *[ca.SX(0)] * len(law.breaks()))
+    plain = smooth * law.sliding(v * smooth, *[ca.SX(0)] * len(law.break_speeds()))
     return [plain, smooth * ca.exp(-v * smooth / (2 * width)), ca.SX(law.breakaway())]
 
 
@@ -214,7 +214,7 @@ def regularised(width: float, matched: bool = True) -> Regularisation:
 
     def force(element: Element) -> ca.SX:
         law = element.law
-        if law is None or law.breaks() or law.reverse() is not law:
+        if law is None or law.break_speeds() or law.reverse() is not law:
             raise SceneError(
                 f"`{element.name}` cannot be regularised: that takes a contact whose law has no breaks and is the same both ways."
             )

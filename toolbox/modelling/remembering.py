@@ -7,20 +7,21 @@ from typing import Any, ClassVar
 import numpy as np
 
 from toolbox.arguments import FloatArray
+from toolbox.vocabulary import Renamed
 
 
-class Remembering:
+class Stateful(Renamed):
     """Protocol of an object whose memory can be saved and restored: a controller in Python, or a part of a controller.
 
-    `remembers` names the attributes on which its next answers depend, and no others: numbers, truth values, arrays of constant shape, or parts that tell their
-    own memory. Truth values and whole numbers are rounded where they are set.
+    `memory_fields` names the attributes on which its next answers depend, and no others: numbers, truth values, arrays of constant shape, or parts that
+    tell their own memory. Truth values and whole numbers are rounded where they are set.
     """
 
-    remembers: ClassVar[tuple[str, ...]] = ()
+    memory_fields: ClassVar[tuple[str, ...]] = ()
 
     def get_memory(self) -> FloatArray:
         """Return the present memory, one attribute after the other."""
-        parts = [getattr(self, name) for name in self.remembers]
+        parts = [getattr(self, name) for name in self.memory_fields]
         return np.concatenate(
             [np.empty(0), *[np.ravel(part.get_memory() if offers_memory(part) else part).astype(float) for part in parts]]
         )
@@ -28,7 +29,7 @@ class Remembering:
     def set_memory(self, values: FloatArray) -> None:
         """Restore a memory that `get_memory` returned at this sample or another."""
         place = 0
-        for name in self.remembers:
+        for name in self.memory_fields:
             part = getattr(self, name)
             size = np.size(part.get_memory() if offers_memory(part) else part)
             own = np.array(values[place : place + size], float)

@@ -34,13 +34,13 @@ def place_starts(system: HybridSystem, x: np.ndarray, start: Mapping[str, Any]) 
 
 def is_vector(system: HybridSystem, name: str) -> bool:
     """Whether a name is that of a vector state."""
-    rows = system.rows(name)
+    rows = system.state_index(name)
     return rows is not None and rows[1] is not None
 
 
 def places_of(system: HybridSystem, name: str) -> slice | None:
     """The rows of x of a state, of an entry of a vector state, or of a signal that is a state; None for any other name."""
-    rows = system.rows(name)
+    rows = system.state_index(name)
     if rows is not None:
         return slice(rows[0], rows[0] + count_of(rows[1]))
     expression = system.signals[name][0] if name in system.signals else ca.SX(0, 1)

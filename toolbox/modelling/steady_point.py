@@ -20,7 +20,7 @@ from toolbox.modelling.numeric import NumericFunction
 
 def _code(element: Element, word: str) -> float:
     """The number of a mode; raises SceneError for a word that is not in the element's legend."""
-    codes = {known: float(code) for code, known in element.legend.items()}
+    codes = {known: float(code) for code, known in element.mode_names.items()}
     if word not in codes:
         *others, last = codes
         raise SceneError(f"Argument `mode` must be {', '.join(others)} or {last} for `{element.name}`, but it is {word!r}.")
@@ -53,7 +53,7 @@ class Equilibrium(Printed):
 
     def __getitem__(self, name: str) -> float | Any:
         """A signal, input or entry of a vector state in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
-        rows = self.plant.rows(name)
+        rows = self.plant.state_index(name)
         if rows is not None:
             first, size, _ = rows
             return float(self.states[first]) if size is None else np.array(self.states[first : first + size])
@@ -86,7 +86,7 @@ def function_of(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], li
 
 def closed_signal(plant: HybridSystem, name: str) -> ca.SX:
     """A signal as an expression of t, x, u, p and m."""
-    return plant.with_forces(ca.densify(ca.SX(plant.expression(name))))
+    return plant.substitute_forces(ca.densify(ca.SX(plant.expression(name))))
 
 
 def mode_numbers(plant: HybridSystem, modes: Mapping[str, str]) -> np.ndarray:

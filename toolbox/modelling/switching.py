@@ -183,7 +183,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     cones.moving_at(slip_rate)
     guards = cones.at_speed(_guards(elements, cones, stuck, limit), speeds)
     guards, opposing = with_play(guards, t, x, elements, gain, opposed), tuple(sorted({i for pair in opposed for i in pair}))
-    watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched] + [least] * bool(shared.members)
+    watched = [cones.at_speed(getattr(e, e.event_field), speeds) for e in elements if e.event_field] + [least] * bool(shared.members)
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)

@@ -30,9 +30,9 @@ class UnilateralContact(Element):
     Source: B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer 2016.
     """
 
-    legend: Mapping[int, str] = {1: "open", 0: "closed"}
-    expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "closure", "rate", "relaxation", "restitution")
-    watched: ClassVar[str] = "closure"
+    mode_names: Mapping[int, str] = {1: "open", 0: "closed"}
+    expression_fields: ClassVar[tuple[str, ...]] = (*Element.expression_fields, "closure", "rate", "relaxation", "restitution")
+    event_field: ClassVar[str] = "closure"
     has_gap: ClassVar[bool] = True
     initial = 1
 

@@ -59,7 +59,7 @@ YIELDS = 1e-3
 
 def check_gain(system: HybridSystem) -> None:
     """Every force must pull its own slip towards zero, and no slip may be a combination of others (where the numbers alone decide that)."""
-    gain = system.switching.gain
+    gain = system.switched_equations.gain
     varies = bool(system.elements) and system.once("gain varies", lambda: ca.depends_on(gain, ca.vertcat(system.t, system.x, system.u)))
     if not system.elements or varies:
         _check_cones(system)
@@ -67,7 +67,7 @@ def check_gain(system: HybridSystem) -> None:
     symbols = [system.t, system.x, system.u, system.p, system.m]
     found = system.once("gain", lambda: ca.Function("gain", symbols, [gain]))  # with its zeros it would grow as the square of a chain
     matrix = found(0.0, 0.0, 0.0, system.values, 0.0)
-    held = [i for i, element in enumerate(system.elements) if element.holds and i not in system.switching.passing]
+    held = [i for i, element in enumerate(system.elements) if element.holds and i not in system.switched_equations.passing]
     holding = [system.elements[i] for i in held]
     for element, entry in zip(holding, np.array(ca.diag(matrix)).ravel()[held], strict=True):
         if not entry > 0:
@@ -85,7 +85,7 @@ def check_gain(system: HybridSystem) -> None:
     ]
     kept = [i for i in range(len(holding)) if i not in opposed]
     matrix, holding = matrix[np.ix_(kept, kept)], [holding[i] for i in kept]
-    for i in (*system.switching.shared.members, *system.switching.shared.rigid):
+    for i in (*system.switched_equations.shared.members, *system.switched_equations.shared.rigid):
         k = next((k for k, element in enumerate(holding) if element is system.elements[i]), None)
         if k is not None:
             matrix[k, k] += YIELDS
@@ -99,7 +99,7 @@ def check_gain(system: HybridSystem) -> None:
 
 def _rings(system: HybridSystem) -> list[list[int]]:
     """The rings of frictions of a plant, by the numbers of their elements."""
-    form = system.switching
+    form = system.switched_equations
     return system.once("rings", lambda: rings_of(system.elements, form.gain)) if form.shared.members else []
 
 
@@ -113,7 +113,7 @@ def check_rings(system: HybridSystem) -> None:
 
     With static friction above kinetic the motion is not unique there. Where both are equal it is, and the ring may stay if its slips keep their ratios.
     """
-    form = system.switching
+    form = system.switched_equations
     for ring in _rings(system):
         if not _can_rest(system, ring):
             continue
@@ -139,7 +139,7 @@ def _weakens(system: HybridSystem, friction: Element) -> bool:
 
     def falls() -> ca.Function:
         laws = {id(each): each for each in (law, law.reverse())}.values()
-        ends = [each.breakaway() - each.sliding(ca.SX(0), *[ca.SX(0)] * len(each.breaks())) for each in laws]
+        ends = [each.breakaway() - each.sliding(ca.SX(0), *[ca.SX(0)] * len(each.break_speeds())) for each in laws]
         return ca.Function("falls", [system.p], [ca.vertcat(*ends), ca.vertcat(*[each.breakaway() for each in laws])])
 
     found, bounds = system.once(("falls", friction.name), falls)(system.values)
@@ -152,7 +152,7 @@ def _can_rest(system: HybridSystem, ring: Sequence[int]) -> bool:
     def slips_and_gain() -> ca.Function:
         read = ca.vertcat(*[system.elements[i].slip for i in ring])
         symbols = [system.t, system.x, system.u, system.p, system.m]
-        return ca.Function("slips", symbols, [ca.densify(read), ca.densify(system.switching.gain[list(ring), list(ring)])])
+        return ca.Function("slips", symbols, [ca.densify(read), ca.densify(system.switched_equations.gain[list(ring), list(ring)])])
 
     slips = system.once(("slips", *ring), slips_and_gain)
     x = np.cos(np.arange(1, system.x.numel() + 1))
@@ -165,10 +165,10 @@ def _can_rest(system: HybridSystem, ring: Sequence[int]) -> bool:
 
 def check_wedges(system: HybridSystem) -> None:
     """No load may read the force of a stop of a body without play: both stops may press on it, and nothing decides how strongly."""
-    rigid = [e for e in system.elements if e.rigid and not e.one_way]
+    rigid = [e for e in system.elements if e.rigid and not e.is_unilateral]
     if len(rigid) < 2 or not any(ca.depends_on(e.static, ca.vertcat(*[r.multiplier for r in rigid])) for e in system.elements):
         return
-    rows = system.once("wedges", lambda: dependent_holds(system.elements, system.switching.gain))
+    rows = system.once("wedges", lambda: dependent_holds(system.elements, system.switched_equations.gain))
     for together in rows:
         read = ca.vertcat(*[system.elements[i].closure for i in together])
         closures = ca.Function("closures", [system.t, system.x, system.u, system.p, system.held], [read])
@@ -183,7 +183,7 @@ def _check_cones(system: HybridSystem) -> None:
     if len(cones) < 2:
         return
     rows = sorted(cones + [i + 1 for i in cones])
-    found = system.function("gain", system.switching.gain, "A")
+    found = system.function("gain", system.switched_equations.gain, "A")
     dependent: list[int] = []
     for k in (1.0, 2.3, 3.7):
         x = np.cos(np.arange(1, system.x.numel() + 1) * k)

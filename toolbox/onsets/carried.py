@@ -224,9 +224,9 @@ class JudgedRuns(Generic[Place]):
         x = np.concatenate([np.atleast_1d(state[name]) for name in plant.states])
         u = np.array(plant.input_defaults(plant.values)).ravel()
         for k, name in enumerate(plant.inputs):
-            if isinstance(given := run.loop.values.get(name), float):
+            if isinstance(given := run.loop.input_values.get(name), float):
                 u[k] = given
-        project = function_of(plant, ("project",), lambda: [plant.switching.projected])
+        project = function_of(plant, ("project",), lambda: [plant.switched_equations.projected])
         moved = np.array(project(0.0, x, u, plant.values, m)).ravel()
         if np.allclose(moved, x, rtol=1e-13, atol=0.0):
             return state

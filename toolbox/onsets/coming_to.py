@@ -73,7 +73,7 @@ class Settled:
         if settled is None:
             return None
         loop, begin = settled
-        if loop.changes_in_time or any(each.directions > 1 for each in loop.system.elements):
+        if loop.depends_on_time or any(each.directions > 1 for each in loop.system.elements):
             return None
         with contextlib.suppress(SceneError, SimulationError):
             still = Request(loop, 0.0, accuracy=accuracy_of(loop, accuracy)).checked()
@@ -107,7 +107,7 @@ class Settled:
 
 def _settled(loop: ClosedLoop, after: float) -> tuple[ClosedLoop, float] | None:
     """The loop with its inputs as they are at last, and the time from which on they are, `after` at least; None where one goes on changing."""
-    for name, value in loop.values.items():
+    for name, value in loop.input_values.items():
         if isinstance(value, Table):
             changes = np.flatnonzero(value.values != value.values[-1])
             after = max(after, float(value.times[changes[-1] + 1]) if changes.size else -math.inf)
@@ -120,5 +120,5 @@ def _settled(loop: ClosedLoop, after: float) -> tuple[ClosedLoop, float] | None:
 def _steady(loop: ClosedLoop) -> Equilibrium | None:
     """Steady running of the continuous form of a loop; None where there is none."""
     with contextlib.suppress(SceneError):
-        return equilibrium(loop.continuous)
+        return equilibrium(loop.continuous_loop)
     return None

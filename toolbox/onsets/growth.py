@@ -55,7 +55,7 @@ EXACT_SENSORS = {".sensors.noise": 0.0, ".sensors.resolution": 1e-18}
 
 def check_autonomous(loop: ClosedLoop, word: str) -> None:
     """Raises SceneError where time itself enters an equation, where `word` says what needs a machine that stays the same."""
-    if loop.changes_in_time:
+    if loop.depends_on_time:
         raise SceneError(
             f"Argument `loop` must not depend on time itself for {word}, but time enters the equations of its plant or of a law."
         )

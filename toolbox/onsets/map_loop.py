@@ -51,7 +51,7 @@ class Plane:
         """The plane over two numbers of a loop. Raises SceneError for names and ranges that make none."""
         if not isinstance(over, Mapping) or len(over) != 2:
             raise SceneError(f"Argument `ranges` must map two names to (low, high), but it is {over!r}.")
-        first, second = (loop.acting(name, "severity_map", lambda number: number.kind.borders) for name in over)
+        first, second = (loop.differentiable_number(name, "severity_map", lambda number: number.kind.borders) for name in over)
         ranges = tuple(each.span(ends, each.name) for each, ends in zip((first, second), over.values(), strict=True))
         for each, ends in zip((first, second), ranges, strict=True):
             for end in ends:
@@ -166,13 +166,13 @@ def steady_plane(loop: ClosedLoop, plane: Plane, mode: Mapping[str, str] | None,
     Raises SceneError as `equilibrium` does.
     """
     try:
-        continuous = loop.continuous
+        continuous = loop.continuous_loop
         for each, value in plane.values(MIDDLE):
             continuous = each.put(continuous, value) if each.kind.has_slope else continuous
         inputs = continuous.constant_inputs("a steady state")
         middle = steady_state(continuous.system, inputs, guess, mode)
     except SceneError:
-        if not loop.sampled:
+        if not loop.is_sampled:
             raise
         return None
     contact = judged_contact(continuous)

@@ -99,7 +99,7 @@ def moved(state: RunState, plant: HybridSystem, motion: FloatArray) -> RunState:
 
 def slip_rows(system: HybridSystem, states: FloatArray, values: FloatArray) -> FloatArray:
     """Derivatives of the slips of all contacts by the states, shape (elements, states)."""
-    function = function_of(system, ("slip_rows",), lambda: [ca.jacobian(system.switching.slip, system.x)])
+    function = function_of(system, ("slip_rows",), lambda: [ca.jacobian(system.switched_equations.slip, system.x)])
     return np.array(function(0.0, states, np.zeros(len(system.inputs)), values, np.ones(len(system.elements))))
 
 

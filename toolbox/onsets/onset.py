@@ -133,9 +133,9 @@ def onset(
     inputs, continuous = loop.constant_inputs("an onset to exist"), _continuous_form(loop)
     check_autonomous(loop, "an onset to exist")
     check_one_direction(loop.system.elements, "`onset`", "judge runs of it, by `sweep`")
-    free = loop.acting(parameter, "onset", lambda number: number.kind.borders)
+    free = loop.differentiable_number(parameter, "onset", lambda number: number.kind.borders)
     if continuous is not None and free.kind.has_slope:
-        free = continuous.acting(parameter, "onset")
+        free = continuous.differentiable_number(parameter, "onset")
     low, high = free.span(bounds)
     asked_unit = asked_in(tuple(free.in_si("bounds", tuple(bounds))), free.unit)
     whole("values", values, 3)
@@ -153,7 +153,7 @@ def onset(
     if followed is not None and low <= at <= high:
         followed(at)  # first, because a guess is near this one
     notes: list[str] = []
-    hopf = _sampled_hopf_points(loop, free, branch, grid) if loop.sampled else _hopf_points(continuous, followed, grid, notes)
+    hopf = _sampled_hopf_points(loop, free, branch, grid) if loop.is_sampled else _hopf_points(continuous, followed, grid, notes)
     steady = [value for value in map(float, grid) if branch(value) is not None]
     if not steady:
         reason = f": {followed.reason}" if followed is not None else ", at the set-points of the laws or elsewhere."
@@ -171,10 +171,10 @@ def onset(
 def _continuous_form(loop: ClosedLoop) -> ClosedLoop | None:
     """The loop with its laws in their continuous form; None for a sampled loop with a law that has none."""
     try:
-        found = loop.continuous
+        found = loop.continuous_loop
         return found if found.system else None
     except SceneError:
-        if not loop.sampled:
+        if not loop.is_sampled:
             raise
         return None
 
@@ -212,7 +212,7 @@ def _between(numbers: Sequence[float], hopf: Sequence[HopfPoint]) -> list[float]
 
 def _of_sampling(search: OnsetSearch, loop: ClosedLoop, hopf: Sequence[HopfPoint]) -> Iterator[str]:
     """What a report says of a loop that is sampled or measures with noise."""
-    if loop.sampled:
+    if loop.is_sampled:
         what = "Hopf points and borders" if hopf else "The borders"
         yield f"{what} are of the controller as it runs, sampled."
     if search.branch.run is not search.base:

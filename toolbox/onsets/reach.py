@@ -71,4 +71,4 @@ def held_starts(search: JudgedRuns[Place], value: Place) -> Iterator[RunState]:
     loop = search.at(value).loop
     with contextlib.suppress(SceneError, SimulationError):
         for start in under_held_commands(loop):
-            yield Request(loop.but(start=taken_over(loop, start)), 0.0, accuracy=search.base.accuracy).checked().start
+            yield Request(loop.replace(start=taken_over(loop, start)), 0.0, accuracy=search.base.accuracy).checked().start

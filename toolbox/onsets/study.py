@@ -80,7 +80,7 @@ def verdict_of(scene: Any, run: Trajectory) -> tuple[Verdict, dict[str, float], 
 
 def metrics_of(scene: Any, run: Trajectory) -> dict[str, float]:
     """The measures of the verdict on a run, by the names of their columns."""
-    return {name: _number_of(name, run) for name in (COLUMNS if scene.standstill is None else ("stuck", "settling", "peak"))}
+    return {name: _number_of(name, run) for name in (COLUMNS if scene.standstill_speed is None else ("stuck", "settling", "peak"))}
 
 
 def words_of(scene: Any, run: Trajectory, found: Mapping[str, float]) -> tuple[Verdict, Judged | None]:
@@ -88,7 +88,7 @@ def words_of(scene: Any, run: Trajectory, found: Mapping[str, float]) -> tuple[V
 
     This is where the run may be carried on until the judge can tell.
     """
-    if scene.standstill is None:
+    if scene.standstill_speed is None:
         if scene.element is None:
             return NO_MODES, None  # a contact without modes never sticks, whether it swings says the severity
         sticks = stick_intervals(run, scene.element, scene.after)
@@ -100,7 +100,7 @@ def words_of(scene: Any, run: Trajectory, found: Mapping[str, float]) -> tuple[V
     if not scene.after < stands < math.inf:
         return DOES_NOT_STAND if stands == math.inf else STANDS_AT_ONCE, None
     sticks = (
-        sticks_before_standstill(run, scene.element, scene.signal, scene.standstill, scene.after, stands)
+        sticks_before_standstill(run, scene.element, scene.signal, scene.standstill_speed, scene.after, stands)
         if scene.element is not None
         else []
     )

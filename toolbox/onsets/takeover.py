@@ -93,12 +93,12 @@ def _same_command(loop: ClosedLoop, values: Mapping[str, Any], own: str, command
     """{own: value} with which a continuous controller gives a command at the start; empty if its state does not decide the command alone and linearly."""
     found = []
     for guess in (0.0, 1.0):
-        found.append(float(simulate(loop.but(start={**values, own: guess}), 1e-9).at(0.0)[command]))
+        found.append(float(simulate(loop.replace(start={**values, own: guess}), 1e-9).at(0.0)[command]))
     slope = found[1] - found[0]
     if not slope or not math.isfinite(slope):
         return {}
     value = (wanted - found[0]) / slope
-    given = float(simulate(loop.but(start={**values, own: value}), 1e-9).at(0.0)[command])
+    given = float(simulate(loop.replace(start={**values, own: value}), 1e-9).at(0.0)[command])
     return {own: value} if abs(given - wanted) <= 1e-6 * max(abs(wanted), abs(slope)) else {}
 
 
@@ -109,7 +109,9 @@ def under_held_commands(loop: ClosedLoop) -> Iterator[dict[str, Any]]:
         points = smooth_points(loop, {})
         if commands and points:
             held = {name: float(points[0][name]) for name in commands}
-            yield from cycle_phases(simulate(loop.bare.but(inputs={**loop.bare.inputs, **held}, start={}), 200.0))
+            yield from cycle_phases(
+                simulate(loop.without_controllers.replace(inputs={**loop.without_controllers.inputs, **held}, start={}), 200.0)
+            )
 
 
 def releases_of(run: Trajectory, contact: str) -> list[float]:

@@ -101,7 +101,7 @@ def follow(
     """
     if not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
-    free = cycle.run.run.loop.acting(parameter, "follow", lambda number: number.is_shape)
+    free = cycle.run.run.loop.differentiable_number(parameter, "follow", lambda number: number.is_shape)
     asked = {free.unit: asked_in(free.in_si("bounds", bounds), free.unit)}
     bounds = free.span(bounds, "bounds")
     step = number("step", step, above=0)

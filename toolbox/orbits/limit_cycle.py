@@ -156,7 +156,7 @@ def forcing_period(run: Run) -> float | None:
 
 def _depends_on_time(run: Run) -> bool:
     """Whether time enters the equations of the plant, its loads and its contacts, and not by its inputs alone."""
-    form = run.system.switching
+    form = run.system.switched_equations
     return bool(ca.depends_on(ca.vertcat(form.field, form.guards), run.system.t))
 
 

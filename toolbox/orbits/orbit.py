@@ -162,7 +162,7 @@ class Cycle(Told):
             f"  Floquet multipliers  {shown or 'none'}",
         ]
         for element in self.run.program.system.elements:
-            if "stick" in element.legend.values():
+            if "stick" in element.mode_names.values():
                 told.append(f"  {element.name} sticks {100 * self.stick_share(element.name):.2f} % of the period")
         return [*told, Rows(self._rows(), (0, 2, 3), headings=("state", "smallest", "largest", "unit"))]
 

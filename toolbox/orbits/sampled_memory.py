@@ -198,7 +198,7 @@ def check_laws(system: HybridSystem) -> None:
     """Raise SceneError for a closed system with a sampled law that has no derivative: a Python callable, or one that reads an encoder."""
     sensing: list[Any] = [part for part in system.parts if getattr(part, "sensors", None) is not None]
     for update, part in zip(system.updates, sensing, strict=False):
-        if update.external:
+        if update.from_callable:
             raise SceneError(
                 "Argument `controller` must be written in casadi for a run to have derivatives, but a law is a Python callable."
             )

@@ -245,11 +245,12 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     if not wanted:
         raise SceneError("Argument `to` must name at least one start state, parameter or input, but it is empty.")
     numbers = [
-        loop.acting(name, "sensitivity", lambda number: number.is_shape or number.is_start or number.is_parameter) for name in wanted
+        loop.differentiable_number(name, "sensitivity", lambda number: number.is_shape or number.is_start or number.is_parameter)
+        for name in wanted
     ]
     run = placed(run, numbers)
     for name in wanted:
-        run.run.loop.free(name)  # an input that is given now may take its place
+        run.run.loop.varied_number(name)  # an input that is given now may take its place
     starts, columns, order = [], [], []
     for number in numbers:
         if number.is_start:

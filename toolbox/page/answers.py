@@ -154,7 +154,7 @@ def _inside(times: FloatArray, intervals: Sequence[tuple[float, float]]) -> Floa
 def _listened(run: Trajectory, loop: ClosedLoop, after: float, found: Mapping[str, float]) -> tuple[str | None, float, float]:
     """(signal, begin, end) of a spectrum: the judged one after the start-up, and of a stop the slip of its contact until it stands, which is what groans."""
     slip = f"{loop.element}.slip"
-    if loop.standstill is None or loop.signal is None or slip not in run:
+    if loop.standstill_speed is None or loop.signal is None or slip not in run:
         return loop.signal, after, run.end
     return slip, after, min(found.get("settling", run.end), run.end)
 
@@ -206,8 +206,8 @@ def reason(loop: ClosedLoop, words: str, judged: Judged | None, found: Mapping[s
     sticks: Sequence[tuple[float, float]] = []
     if loop.element is not None and loop.element in run.modes:
         sticks = stick_intervals(run, loop.element, after)
-        if loop.standstill is not None and loop.signal is not None:  # afterwards it only rests
-            sticks = sticks_before_standstill(run, loop.element, loop.signal, loop.standstill, after, found.get("settling"))
+        if loop.standstill_speed is not None and loop.signal is not None:  # afterwards it only rests
+            sticks = sticks_before_standstill(run, loop.element, loop.signal, loop.standstill_speed, after, found.get("settling"))
     longest = max((b - a for a, b in sticks), default=0.0)
     seen = (
         f"{who} sticks {len(sticks)} times after {after:g} s, {longest:.3g} s at the longest"
@@ -215,7 +215,7 @@ def reason(loop: ClosedLoop, words: str, judged: Judged | None, found: Mapping[s
         else f"{who} does not stick after {after:g} s"
     )
     parts = [f"{seen}."]
-    if loop.standstill is not None:
+    if loop.standstill_speed is not None:
         stands = found.get("settling", math.nan)
         return f"{'It never stands.' if stands == math.inf else f'It stands at {stands:.3g} s.'} {parts[0]}"
     if words == LOOKING_ON:
@@ -245,14 +245,16 @@ def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Traject
             factor, unit = reading_of(run.unit(loop.effort), abs(value), display_units)
             rows.append([f"peak of {loop.effort}", f"{value * factor:.4g} {unit}{_of_limit(run, loop.effort, value)}"])
         elif name in ("stuck", "settling"):
-            settles = "settling" if loop.standstill is None else "stands at"
+            settles = "settling" if loop.standstill_speed is None else "stands at"
             rows.append([{"stuck": "time stuck", "settling": settles}[name], "never" if value == math.inf else f"{value:.3g} s"])
         elif name == "severity":
             rows.append([name, f"{100 * value:.3g} % of the mean"])
         elif not (name == "overshoot" and found.get("settling") == math.inf):
             rows.append([name, f"{100 * value:.3g} %"])
     rows += _held_within(loop, run, display_units)
-    return rows + [row for row in (_way(loop, found, run) if loop.standstill is not None else _swing(loop, run, display_units),) if row]
+    return rows + [
+        row for row in (_way(loop, found, run) if loop.standstill_speed is not None else _swing(loop, run, display_units),) if row
+    ]
 
 
 def _of_limit(run: Trajectory, effort: str, peak: float) -> str:
@@ -299,24 +301,24 @@ def further(run: Trajectory, loop: ClosedLoop) -> dict[str, Any]:
     """What follows when nobody turns a number: error of the run, poles of steady running, numbers of the drive, values of all, and those without effect."""
     told: dict[str, Any] = {"values": {name: number.value for name, number in loop.numbers().items() if math.isfinite(number.value)}}
     told["drive"] = loop.controller_names
-    told["without"] = {name: taken(loop, taking) for name, taking in loop.overridden.items()}
+    told["without"] = {name: taken(loop, taking) for name, taking in loop.overriding_inputs.items()}
     try:
         told["inexact"] = run.error
     except SimulationError as failure:
         told["error_words"] = str(failure)
     told["poles"], told["poles_words"] = [], ""
-    if loop.standstill is not None:
+    if loop.standstill_speed is not None:
         return told | {"poles_words": "What comes to a standstill has no steady running, and so no poles."}
     try:
-        steady = loop.but(inputs={name: at_last(value) for name, value in loop.values.items()})
-        point = equilibrium(steady.continuous)
+        steady = loop.replace(inputs={name: at_last(value) for name, value in loop.input_values.items()})
+        point = equilibrium(steady.continuous_loop)
         poles = np.asarray(linearise(point.plant, point).poles(), complex)
         told["poles"] = [[float(pole.real), float(pole.imag)] for pole in poles if np.isfinite(pole)]
         worst = max((pole.real for pole in poles if abs(pole) > 1e-9), default=math.nan)
         told["poles_words"] = (
             f"Steady running is {'stable' if worst < 0 else 'unstable'}: its slowest motion {told_growth(worst)}.{_swings(poles)}"
         )
-        if loop.sampled:
+        if loop.is_sampled:
             told["poles_words"] += " Of the continuous form of the law; the verdict counts its samples."
     except (SceneError, SimulationError) as refusal:
         told["poles_words"] = f"No poles: {refusal}"

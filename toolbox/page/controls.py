@@ -94,7 +94,7 @@ def controls_of(loop: ClosedLoop, display_units: Mapping[str, str]) -> list[Cont
 
 def _held(loop: ClosedLoop, number: Number) -> Number:
     """An input that varies in time with the value that it has at last, where it is a table; any other number as it is."""
-    given = loop.values.get(number.name) if number.is_input else None
+    given = loop.input_values.get(number.name) if number.is_input else None
     return dataclasses.replace(number, value=float(given.values[-1])) if isinstance(given, Table) else number
 
 

@@ -152,7 +152,8 @@ class Page:
                 usual = {"rad/s": "rpm"} if loop.plant.has_signal("top.speed") else {}  # of a drill string, where nobody typed another unit
                 asked = {**usual, **(self.scene.display_units if self.scene is not None else loop.display_units)}
                 controls = {control.number.name: control for control in controls_of(loop, asked)}
-                self._looks[label] = {"asked": asked, "controls": controls, "axes": [] if loop.standstill is not None else maps.axes_of([*controls.values()]),
+                axes = [] if loop.standstill_speed is not None else maps.axes_of([*controls.values()])
+                self._looks[label] = {"asked": asked, "controls": controls, "axes": axes,
                                       "redone": {name: each.kind.redesigns for name, each in loop.numbers().items()}}  # fmt: skip
         return self._looks[label]
 
@@ -168,11 +169,12 @@ class Page:
                     disturbances[kind] = {"names": disturbing(loop, kind)}
                 except SceneError as refusal:
                     disturbances[kind] = {"names": [], "why": str(refusal)}
-            moving = {name: None for name, value in loop.values.items() if not isinstance(value, float)}
+            moving = {name: None for name, value in loop.input_values.items() if not isinstance(value, float)}
             laws[label] = {
-                "controls": [control.told() for control in look["controls"].values()], "axes": look["axes"], "able": able, "still": loop.standstill is not None,
-                "values": {name: each.number.value for name, each in look["controls"].items() if math.isfinite(each.number.value)}, "moving": [*moving],
-                "without": {name: answers.taken(loop, taking) for name, taking in loop.overridden.items()}, "disturbances": disturbances,
+                "controls": [control.told() for control in look["controls"].values()], "axes": look["axes"], "able": able,
+                "still": loop.standstill_speed is not None, "moving": [*moving],
+                "values": {name: each.number.value for name, each in look["controls"].items() if math.isfinite(each.number.value)},
+                "without": {name: answers.taken(loop, taking) for name, taking in loop.overriding_inputs.items()}, "disturbances": disturbances,
             }  # fmt: skip
         title = self.scene.title if self.scene is not None else next(iter(self.loops.values())).title
         return {"title": title, "laws": laws, "saves": self.scene is not None}
@@ -282,7 +284,7 @@ class Page:
         over = maps.ranges(controls, names, loop)
         for name in names:  # the middle of the map takes the place of an input that varies in time
             loop = loop.at(name, sum(over[name]) / 2)
-        loop = loop.but(inputs={name: answers.at_last(value) for name, value in loop.values.items()})
+        loop = loop.replace(inputs={name: answers.at_last(value) for name, value in loop.input_values.items()})
 
         def step() -> None:
             while not self._closed and self._maps.get(page) is mine and (self._running or time.monotonic() < self._turned + QUIET):
@@ -438,7 +440,7 @@ def _judged(loop: ClosedLoop, duration: NumberOrText | None) -> ClosedLoop:
     contact = loop.element or (None if loop.signal is not None else judged_contact(loop, sticks=False))
     element = None if contact in loop.system.modeless else contact
     signal = loop.signal or judged_speed(loop, contact or "")
-    return loop.but(
+    return loop.replace(
         duration=float(given), after=loop.after if duration is None and loop.after is not None else float(given) / 2, element=element, signal=signal,
         effort=loop.effort or judged_effort(loop.plant, signal), accuracy=accuracy_of(loop),
     )  # fmt: skip

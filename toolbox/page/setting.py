@@ -87,7 +87,7 @@ def disturbed(loop: ClosedLoop, kind: str) -> ClosedLoop:
         value = loop.number(name).value
         inputs[name] = ((0.0, begin, begin, end, end), (value, value, HARDER * value, HARDER * value, value))
         parameters.pop(name, None)
-    return loop.but(inputs=inputs, parameters=parameters)
+    return loop.replace(inputs=inputs, parameters=parameters)
 
 
 def moment(loop: ClosedLoop) -> tuple[float, float]:
@@ -119,7 +119,7 @@ def scene_of(setting: Setting, loop: ClosedLoop, scene: Scene | None) -> Scene:
         raise SceneError(f"A scene has one law in each case, but this loop has {len(loop.controllers)}.")
     own = {name: value for name, value in loop.parameters.items() if loop.plant.has_parameter(name)}
     case = Case.of(setting.label or "no controller", law_with_numbers(loop) if loop.controllers else None)
-    inputs = {name: _data(name, value) for name, value in loop.values.items()}
+    inputs = {name: _data(name, value) for name, value in loop.input_values.items()}
     reference = None if loop.signal is None else loop.target(loop.signal)
     if scene is not None:
         found = dataclasses.replace(scene, cases=(case,), inputs=inputs, parameters=own, start=dict(loop.start), reference=reference)

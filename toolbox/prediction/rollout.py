@@ -117,7 +117,7 @@ class Rollout:
         if self.slip is not None:
             rows, offset = self.slip
             return np.sign(rows @ state + offset)
-        slips = self.plant.slips(0.0, state, self.inputs, self.plant.values, np.zeros(self.contacts))
+        slips = self.plant.slip_function(0.0, state, self.inputs, self.plant.values, np.zeros(self.contacts))
         return np.sign(np.array(slips).ravel())
 
     def _slip(self) -> tuple[np.ndarray, np.ndarray] | None:

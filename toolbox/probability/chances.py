@@ -315,6 +315,6 @@ class Search:
         numbers = dict(zip(self.names, row.tolist(), strict=True))
         loop = put_all(self.loop, numbers)
         if self.start is not None:
-            loop = loop.but(start={**loop.start, **self.start(numbers)})
+            loop = loop.replace(start={**loop.start, **self.start(numbers)})
         run = simulate(loop, self.duration, accuracy=self.accuracy)
         return comes_to(run, self.element, self.signal, self.begin + (self.duration - self.begin) / 2)

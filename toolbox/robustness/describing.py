@@ -216,7 +216,7 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
     amplitude 5.7 rad/s
     amplitude 6.3 rad/s
     """
-    loop = loop.continuous
+    loop = loop.continuous_loop
     contact = judged_contact(loop)
     if cycle is not None and not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle that `limit_cycle` found, but it is a {type(cycle).__name__}.")
@@ -461,7 +461,7 @@ def _parted(rest: Equilibrium, at: int) -> tuple[LinearLoop, Callable[[np.ndarra
     modes = mode_numbers(plant, rest.modes)
 
     def expressions() -> list[ca.SX]:
-        law = plant.switching
+        law = plant.switched_equations
         states = [ca.jacobian(each, plant.x) for each in (law.field, law.force[at], law.slip[at])]
         return [*states, ca.jacobian(plant.flow, plant.F)[:, at], law.slip[at]]
 
@@ -475,7 +475,7 @@ def _parted(rest: Equilibrium, at: int) -> tuple[LinearLoop, Callable[[np.ndarra
     direction = np.ravel(slides) / float((slides @ slides.T).item())
     remainder = LinearLoop(without, push, slides, np.zeros((1, 1)), (plant.elements[at].name,))
 
-    forces = function_of(plant, (f"force{at}",), lambda: [plant.switching.force[at]])
+    forces = function_of(plant, (f"force{at}",), lambda: [plant.switched_equations.force[at]])
 
     def force(slips: np.ndarray) -> np.ndarray:
         """What the contact does at slips of both signs, all else as at steady running."""

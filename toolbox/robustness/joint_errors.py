@@ -333,7 +333,7 @@ def _wrong_numbers(loop: ClosedLoop, uncertainty: Mapping[str, Any]) -> tuple[tu
                 )
             full, unit, nominal = DELAY, "s", float(late[0])
         else:
-            number = loop.free(name)
+            number = loop.varied_number(name)
             full, unit, nominal = number.name, number.unit, declared_value(loop, name)
         if nominal == 0.0:
             raise SceneError(f"Argument `uncertainty` must hold numbers that are not 0, but `{full}` is.")
@@ -369,7 +369,7 @@ def _alone(trials: Trials, numbers: Sequence[WrongNumber], error: Error) -> str:
     """What the machine with an error does from the start that is the worst, in words: one run outside of the lanes, and the judge."""
     worst: Outcome = trials.of_cases({str(error): _factors(numbers, error)}).worst
     factors = _factors(numbers, error)
-    loop = trials.machine(factors, worst.seed).but(start=trials.starts(str(error), factors)[worst.start])
+    loop = trials.machine(factors, worst.seed).replace(start=trials.starts(str(error), factors)[worst.start])
     try:
         run = simulate(loop, trials.duration)
     except SimulationError as failure:

@@ -148,8 +148,8 @@ def performance_limit(
     if delay > 0 and period is None:
         raise SceneError(f"Argument `delay` must be 0 without a `period`, but it is {delay!r}.")
     actuated_signals, seen = (
-        plant.routes.get(actuated_signals, actuated_signals),
-        [plant.routes.get(name, name) for name in names(measured_signals)],
+        plant.redirected_signals.get(actuated_signals, actuated_signals),
+        [plant.redirected_signals.get(name, name) for name in names(measured_signals)],
     )
     point = running(loop, at, actuated_signals)
     linear = linearise(point.plant, point, inputs=actuated_signals, outputs=seen)

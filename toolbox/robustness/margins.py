@@ -225,7 +225,7 @@ def margins(
     if not measured:
         return result
     begin = dict(found.start) if found is not None else mapping("guess", guess) or smooth_start(loop)
-    bears = measured_margins(loop.but(start=begin), duration=float(duration), inertia=inertia)
+    bears = measured_margins(loop.replace(start=begin), duration=float(duration), inertia=inertia)
     return Margins(**{**result.__dict__, "simulated_margins": bears})
 
 
@@ -243,7 +243,7 @@ def disk_margin(loop: ClosedLoop) -> float:
 
 def _set_points(loop: ClosedLoop) -> dict[str, float]:
     """{signal: value} of what laws are asked to keep, as it is given, or as the laws declare it."""
-    values = zip(loop.system.inputs, input_values(loop.system, loop.values).tolist(), strict=True)
+    values = zip(loop.system.inputs, input_values(loop.system, loop.input_values).tolist(), strict=True)
     return {name: value for name, value in values if name.endswith(".reference")}
 
 

@@ -79,7 +79,7 @@ class Amplified(Controller):
 
     def continuous(self, signal: Signal) -> Equations:
         equations = self.law.continuous(signal)
-        return dataclasses.replace(equations, gives=self._amplified(equations.gives))
+        return dataclasses.replace(equations, outputs=self._amplified(equations.outputs))
 
     def sampled(self, signal: Signal, period: Any) -> Update:
         update = self.law.sampled(signal, period)

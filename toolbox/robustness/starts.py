@@ -127,8 +127,8 @@ class TakenOver:
         contact = judged_contact(loop)
         aim = reference_of(loop, judged_speed(loop, contact))
         initial = self.initial_controller if aim is None else at_set_point(self.initial_controller, aim)
-        alone = loop.bare.but(controllers=(initial,), inputs={}, start={})
-        run = simulate(alone.but(inputs={name: value for name, value in loop.inputs.items() if _takes(alone, name)}), self.duration)
+        alone = loop.without_controllers.replace(controllers=(initial,), inputs={}, start={})
+        run = simulate(alone.replace(inputs={name: value for name, value in loop.inputs.items() if _takes(alone, name)}), self.duration)
         if len(releases_of(run, contact)) < 2 or run.time_in(contact, "stick", after=0.8 * self.duration) == 0.0:
             return Found([taken_over(loop, acting_at(run, run.end))], f"no stick-slip to end under {described(initial)}")
         return Found([taken_over(loop, start) for start in cycle_phases(run, self.phases)])

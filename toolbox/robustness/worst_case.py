@@ -390,7 +390,7 @@ class Trials:
                 outcome = self._outcome((label, k, seed), numbers, done.failures.get(i, ""))
                 if outcome.excess <= 1.0:
                     swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"])
-                    outcome = self._lasting(outcome, put_all(varied, rows[i]).but(start=begins[label][k]), swing)
+                    outcome = self._lasting(outcome, put_all(varied, rows[i]).replace(start=begins[label][k]), swing)
                 found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
         order = {label: i for i, label in enumerate(cases)}
         found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
@@ -466,7 +466,7 @@ def _factor(name: str, given: Any) -> float:
 
 def declared_value(loop: ClosedLoop, name: str) -> float:
     """The value of a number of the loop; raises SceneError for a start value, and for an input that varies in time."""
-    number = loop.free(name)
+    number = loop.varied_number(name)
     if number.is_start:
         raise SceneError(f"Argument `uncertainty` must not hold `{name}`, because it is a start value: give `starts`.")
     if math.isnan(number.value):

@@ -183,7 +183,7 @@ def compare(
 
 def _keys(first: Scene, second: Scene) -> tuple[Difference, ...]:
     """The keys of two scenes that differ."""
-    one, other = dict(first.keys()), dict(second.keys())
+    one, other = dict(first.settings()), dict(second.settings())
     pairs = ((name, one.get(name), other.get(name)) for name in {**one, **other})
     return tuple(Difference(name, _typed_unit(*pair), *pair) for name, *pair in pairs if pair[0] != pair[1])
 

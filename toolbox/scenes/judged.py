@@ -51,7 +51,7 @@ def judged_contact(closed: ClosedLoop | HybridSystem, element: str | None = None
     if found is None:
         raise SceneError("The plant must have a contact with dry friction for stick-slip to exist, but it has none.")
     if sticks and found in system.modeless:
-        raise system.no_element(found)
+        raise system.unknown_element_error(found)
     return found
 
 
@@ -101,7 +101,7 @@ def _judged(display_units: Metric, judge: ClosedLoop | Recorded, after: float, a
         return display_units
     of, settings = display_units.of or _looked_at(display_units.looks_at, judge, argument), dict(display_units.settings)
     scene = judge if isinstance(judge, ClosedLoop) and judge.after is not None else None
-    stops = None if scene is None or display_units.of else scene.standstill
+    stops = None if scene is None or display_units.of else scene.standstill_speed
     if scene is not None and stops is not None and display_units.name == time_in.name:
         settings |= {"signal": scene.signal, "speed": stops}
         display_units = dataclasses.replace(display_units, function=_stuck_before_standstill, compiled="")

@@ -70,7 +70,7 @@ KEYS: dict[str, tuple[Key, ...]] = {
         Key("signal", "", "the speed at the contact", "the speed whose severity, settling and overshoot are judged"),
         Key("effort", "", "what drives", "the signal whose peak is reported"),
         Key("after", "s", "half of the duration", "time from which on a run is judged"),
-        Key("standstill", "of `signal`", "none", "of a stop: the value of the signal at which the machine stands, where the verdict ends"),
+        Key("standstill_speed", "of `signal`", "none", "of a stop: the value of the signal at which the machine stands, where the verdict ends"),
     ),
     "[measured]": (
         Key("file", "", REQUIRED, "path of the log, from the folder of the scene"),

@@ -33,8 +33,8 @@ def _resolved(scene: Mapping[str, Any]) -> dict[str, Any]:
     if scene["reference"] is not None:
         data["reference"] = _plain(scene["reference"])
     data["verdict"] = {"element": scene["contact"], "signal": scene["signal"], "effort": scene["effort"], "after": float(scene["after"])}
-    if scene["standstill"] is not None:
-        data["verdict"]["standstill"] = _plain(scene["standstill"])
+    if scene["standstill_speed"] is not None:
+        data["verdict"]["standstill_speed"] = _plain(scene["standstill_speed"])
     for key in ("start", "inputs", "parameters"):
         if scene[key]:
             data[key] = {name: _plain(value) for name, value in scene[key].items()}

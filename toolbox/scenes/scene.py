@@ -60,7 +60,7 @@ class Scene(Labelled):
         Accuracy of the runs.
     start, inputs, parameters
         As in `simulate`, for all cases; the inputs of a case win.
-    standstill
+    standstill_speed
         For a stop, the value of `signal` at which it counts as standing. What is judged then ends there, and a last stick into standstill does not count.
     measured
         What was measured on the machine, which a study shows beside what is simulated; None for nothing.
@@ -86,7 +86,7 @@ class Scene(Labelled):
     after: float
     accuracy: float = 1e-6
     reference: float | None = None
-    standstill: float | None = None
+    standstill_speed: float | None = None
     start: Mapping[str, Number] = field(default_factory=dict)
     inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
     parameters: Mapping[str, Number] = field(default_factory=dict)
@@ -131,7 +131,7 @@ class Scene(Labelled):
         title
             Title of the scene; by default the kinds of its parts.
         others
-            Further fields: accuracy, standstill, start, inputs, parameters, measured.
+            Further fields: accuracy, standstill_speed, start, inputs, parameters, measured.
 
         Raises
         ------
@@ -182,15 +182,18 @@ class Scene(Labelled):
 
         Raises SceneError where the file cannot be written and where a part is in no catalogue.
         """
-        saving.write({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.contact}, Path(path))
+        saving.write({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.judged_contact}, Path(path))
         return Path(path)
 
-    def keys(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         """Every key of the scene file with its value in SI: `duration`, `plant.BitRock.weight`, `controllers.soft torque.reference`."""
         return saving.flat({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.element})
 
     def __str__(self) -> str:
-        lines = [self.title, f"  {' + '.join(type(part).__name__ for part in self.parts)}, {self.duration:g} s, judged by {self.judges}"]
+        lines = [
+            self.title,
+            f"  {' + '.join(type(part).__name__ for part in self.parts)}, {self.duration:g} s, judged by {self.judged_names}",
+        ]
         for case in self.cases:
             law = "no law" if case.law is None else type(case.law).__name__
             every = (
@@ -206,7 +209,7 @@ class Scene(Labelled):
     @cached_property
     def _plant(self) -> HybridSystem:
         plant = compose(*self.parts)
-        plant.told = self.display_units
+        plant.typed_units = self.display_units
         return plant
 
     @cached_property
@@ -226,7 +229,7 @@ class Scene(Labelled):
             own = {name: value for name, value in self.parameters.items() if self.plant().has_parameter(name)}
             loop = ClosedLoop(
                 self.plant(), laws_of(case.controller, None), inputs, own, self.start, case.label, self.element, self.signal, self.duration,
-                self.after, self.accuracy, self.effort, standstill=self.standstill,
+                self.after, self.accuracy, self.effort, standstill_speed=self.standstill_speed,
             )  # fmt: skip
             others = {k: v for k, v in self.parameters.items() if k not in own}
             loop = loop.with_parameters(others) if others else loop
@@ -234,7 +237,7 @@ class Scene(Labelled):
             follows = (
                 known is not None and loop.number(known).value == self.reference
             )  # where the set-point varies, what is judged varies with it
-            self._loops[label] = loop.but(reference=known if follows else self.reference)
+            self._loops[label] = loop.replace(reference=known if follows else self.reference)
         return self._loops[label]
 
     def __getstate__(self) -> dict[str, Any]:
@@ -245,21 +248,21 @@ class Scene(Labelled):
         """{SI unit: unit that was typed}, the units of a study of the scene."""
         laws = tuple(case.law for case in self.cases)
         inputs = (self.inputs, *(case.inputs for case in self.cases))
-        return asked_units(self.reference, self.standstill, inputs, self.parameters, fields=(laws, self.parts))
+        return asked_units(self.reference, self.standstill_speed, inputs, self.parameters, fields=(laws, self.parts))
 
     def run(self, label: str) -> Trajectory:
         """Simulate one case, given by its label. Raises the errors of `simulate`, and SceneError for an unknown label."""
         return simulate(self[label])
 
     @property
-    def contact(self) -> str:
+    def judged_contact(self) -> str:
         """The element; raises SceneError where nothing sticks."""
         if self.element is None:
             raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
         return self.element
 
     @property
-    def judges(self) -> str:
+    def judged_names(self) -> str:
         """Element and signal, in words."""
         return " and ".join(f"`{name}`" for name in (self.element, self.signal) if name is not None)
 
@@ -269,7 +272,7 @@ class Scene(Labelled):
         stuck = {"stuck": (self.element,)} if self.element is not None else {}
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 
-    def needs(self, metrics: Mapping[str, Sequence[str]] | None = None) -> Dependencies:
+    def dependencies(self, metrics: Mapping[str, Sequence[str]] | None = None) -> Dependencies:
         """Find the parts of the plant on which the metrics depend, under any of the controllers, and the cost of the other parts.
 
         Parameters
@@ -322,6 +325,6 @@ class Scene(Labelled):
         loop = self[label]
         return [
             f"`{name}` has no effect, because the input `{taking}` takes its place."
-            for name, taking in loop.overridden.items()
+            for name, taking in loop.overriding_inputs.items()
             if name not in loop.plant.parameters and loop.number(name).value != self.reference
         ]

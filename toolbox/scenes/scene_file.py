@@ -84,7 +84,9 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     parts = tuple(_component(entry, f"plant[{i}]", folder) for i, entry in enumerate(_tables(data, "plant"), 1))
     plant = compose(*parts)
     duration = parse(data["duration"], "s", "duration")
-    verdict = _keys(data.get("verdict", {}), "verdict", keys.names("[verdict]"), keys.required("[verdict]"))
+    known = keys.names("[verdict]")
+    verdict = dict(renamed_keys(_keys(data.get("verdict", {}), "verdict"), known, "Scene", "verdict"))
+    verdict = _keys(verdict, "verdict", known, keys.required("[verdict]"))
     contacts = [each.name for each in plant.elements if verdict.get("element") not in plant.modeless] or [*plant.modeless]
     if not contacts:
         raise SceneError("Argument `plant` must have a contact that can stick, or one with memory, but it has none.")
@@ -109,7 +111,11 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         "signal": signal,
         "effort": _text(verdict.get("effort", judged_effort(plant, signal)), "verdict.effort"),
         "after": parse(verdict.get("after", duration / 2), "s", "verdict.after"),
-        "standstill": parse(verdict["standstill"], plant.signal_unit(signal), "verdict.standstill") if "standstill" in verdict else None,
+        "standstill_speed": (
+            parse(verdict["standstill_speed"], plant.signal_unit(signal), "verdict.standstill_speed")
+            if "standstill_speed" in verdict
+            else None
+        ),
         "accuracy": parse(data.get("accuracy", 1e-6), "1", "accuracy"),
         "reference": reference,
         "start": {name: _number(value, plant.signal_unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},
@@ -308,7 +314,7 @@ def _readings(data: Any, where: str, plant: HybridSystem) -> dict[str, float]:
     return {name: parse(value, plant.signal_unit(name), f"{where}.{name}") for name, value in _keys(data, where).items()}
 
 
-def renamed_keys(data: Mapping[str, Any], known: Collection[str], cls: type, title: str) -> Iterator[tuple[str, Any]]:
+def renamed_keys(data: Mapping[str, Any], known: Collection[str], cls: type | str, title: str) -> Iterator[tuple[str, Any]]:
     """The entries of a table; a key that is the former name of a field has the name now, which one line on stderr gives."""
     for key, value in data.items():
         now = key if key in known else new_field(cls, key)

@@ -70,7 +70,7 @@ def start_in_words(loop: ClosedLoop) -> str:
         ""
         if name is None
         else ", set-point in one step"
-        if isinstance(loop.values.get(name, 0.0), (int, float))
+        if isinstance(loop.input_values.get(name, 0.0), (int, float))
         else ", set-point over time"
     )
     if not loop.start:
@@ -93,7 +93,7 @@ def _design(loop: ClosedLoop) -> str:
 
 def _surroundings(loop: ClosedLoop) -> str:
     """Inputs that vary and noise of the sensors, in words."""
-    varying = [name for name, value in loop.values.items() if not isinstance(value, (int, float))]
+    varying = [name for name, value in loop.input_values.items() if not isinstance(value, (int, float))]
     noise = sorted({name for law in loop.controllers if isinstance(law, Sampled) for name in law.noise})
     words = [f"{', '.join(varying)} over time" if varying else "constant inputs"]
     return ", ".join([*words, f"noise on {', '.join(noise)}" if noise else "no noise"])

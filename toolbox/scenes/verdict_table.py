@@ -137,7 +137,11 @@ def failures(rows: Sequence[Row]) -> list[str]:
 def judged_by(scene: Scene) -> str:
     """A sentence about what is judged in which time."""
     speed = reading(scene.plant().unit(scene.signal), scene.display_units)
-    until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill * speed.factor:g} {speed.unit}"
+    until = (
+        f"{scene.duration:g} s"
+        if scene.standstill_speed is None
+        else f"standstill at {scene.standstill_speed * speed.factor:g} {speed.unit}"
+    )
     set_point = f"; set-point {scene.reference * speed.factor:.4g} {speed.unit}" if scene.reference else ""
     label = next((each for each in scene.labels if scene[each].controllers), scene.labels[0])
     situation = Situation.of(
@@ -146,7 +150,7 @@ def judged_by(scene: Scene) -> str:
         f"{scene.duration:g} s, carried on until the regime is decided",
         design="controllers as the scene gives them",
     )
-    return f"{scene.judges}, judged from {scene.after:g} s to {until}{set_point}.\n{situation}"
+    return f"{scene.judged_names}, judged from {scene.after:g} s to {until}{set_point}.\n{situation}"
 
 
 def in_cells(scene: Scene, rows: Sequence[Row], times: bool = True) -> list[list[str]]:
@@ -163,7 +167,7 @@ def in_cells(scene: Scene, rows: Sequence[Row], times: bool = True) -> list[list
         "error",
         *(["wall time"] if times else []),
     ]
-    if scene.standstill is not None:
+    if scene.standstill_speed is not None:
         head[head.index("settling")] = "stands at"
     others = _others(rows)
     cells = [[*head, *others]]

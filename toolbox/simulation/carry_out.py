@@ -97,7 +97,7 @@ class Course:
         self.records = ThinRecords()
         self.controllers = run.start.continued(run.controllers)
         self.answers: list[list[np.ndarray]] = [[] for _ in self.controllers]
-        asked = [c for c, update in enumerate(run.system.updates) if update.external]
+        asked = [c for c, update in enumerate(run.system.updates) if update.from_callable]
         self.externals = dict(zip(asked, enumerate(part for part in run.system.parts if isinstance(part, External)), strict=True))
         self.bar: Any = None
         self.looks = [progress(self.work)]

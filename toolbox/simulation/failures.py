@@ -110,7 +110,7 @@ def _paradox(program: Program, point: Any, work: Any, t: float, otherwise: str =
     pressed = [i for i, element in enumerate(elements) if element.slides and not element.second and int(program.attached[i]) in closed]
     if not pressed:
         return otherwise
-    wanted = ca.densify(ca.horzcat(program.system.switching.gain, ca.vertcat(*[element.sliding for element in elements])))
+    wanted = ca.densify(ca.horzcat(program.system.switched_equations.gain, ca.vertcat(*[element.sliding for element in elements])))
     found = np.array(output_function(program, wanted)(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], mode))
     gain, coefficients = found[:, :-1], found[:, -1]
     alone = gain[np.ix_(closed, closed)]
@@ -165,12 +165,12 @@ def _no_modes(program: Program, point: Any, work: Any, t: float, so_far: Traject
         [
             e
             for e in program.system.elements
-            if e.rigid and float(np.ravel(point[f"{e.name}.{'slip' if e.one_way else 'closure'}"])[0]) > 0.0
+            if e.rigid and float(np.ravel(point[f"{e.name}.{'slip' if e.is_unilateral else 'closure'}"])[0]) > 0.0
         ]
         if not work.ints[work_layout.STARTED]
         else []
     )
-    if inside and inside[0].one_way:
+    if inside and inside[0].is_unilateral:
         return SimulationError(
             f"The slip of the one-way clutch `{inside[0].name}` must be <= 0 {inside[0].slip_unit} at the start, but it is "
             f"{float(np.ravel(point[inside[0].name + '.slip'])[0]):g}: its driving side must not be faster than the side that it drives.",
@@ -265,7 +265,7 @@ TOLD_APART = 1e-5
 
 def _too_fast(program: Program, point: Any, work: Any, t: float, labels: list[str]) -> str:
     """The end of a sentence on steps that are too small: the state that moves faster than times can tell apart, where one does."""
-    rates = output_function(program, ca.densify(ca.diag(ca.jacobian(program.system.switching.field, program.system.x))))
+    rates = output_function(program, ca.densify(ca.diag(ca.jacobian(program.system.switched_equations.field, program.system.x))))
     found = np.abs(np.array(rates(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel())
     fastest = int(np.argmax(found))
     if not found[fastest] * np.spacing(t) > TOLD_APART:
@@ -280,7 +280,7 @@ def _sharing(program: Program, point: Any, work: Any, t: float) -> str:
     """What to add where the slip of one element follows from those of others at this state; plants whose gain is constant were asked when composed."""
     elements = program.system.elements
     sliding = [i for i, element in enumerate(elements) if element.slides]
-    gain = output_function(program, ca.densify(program.system.switching.gain))
+    gain = output_function(program, ca.densify(program.system.switched_equations.gain))
     matrix = np.array(gain(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m))[np.ix_(sliding, sliding)]
     size = np.sqrt(np.abs(np.diag(matrix)))
     if not (np.isfinite(matrix).all() and size.all()):

@@ -49,7 +49,7 @@ class Request:
         method.check(duration)
         budget, method = method.budget, method.unhurried
         loop, start = self.loop, self.start
-        closed, system = loop.closed, loop.closed.system
+        closed, system = loop.assembly, loop.assembly.system
         if budget == UNHURRIED:
             _check_samples(closed.clocks, duration)
         grid = _checked_times(self.output_times, start.time if isinstance(start, RunState) else 0.0, duration)
@@ -74,7 +74,7 @@ class Request:
             if method.width is not None:
                 method = Smoothing(widths, method.tolerance)
         return Run(
-            plant=closed.plant, system=loop.system, duration=duration, start=begin, inputs=loop.values, kinds=loop.kinds, clocks=closed.clocks,
+            plant=closed.plant, system=loop.system, duration=duration, start=begin, inputs=loop.input_values, kinds=loop.input_kinds, clocks=closed.clocks,
             controllers=closed.callables, accuracy=accuracy, output_times=grid, longest_step=duration / 256, seeds=closed.seeds, method=method,
             budget=budget, solver=carry_out, loop=loop,
         )  # fmt: skip

@@ -137,11 +137,11 @@ class Samples(Generic[Read]):
         """Mode of each element at `time`, as strings: "stick", "slip+", "slip-"; raises SceneError for an unknown element."""
         words = {}
         for name in self._elements:
-            i, legend = self.program.system.switch(name)
+            i, legend = self.program.system.element_modes(name)
             numbers, place = np.unique(self.mode[:, i], return_inverse=True)
             words[name] = np.array([legend[int(number)] for number in numbers], dtype=np.str_)[place]
         modes = Modes(words)
-        modes.unknown = self.program.system.no_element
+        modes.unknown = self.program.system.unknown_element_error
         return modes
 
     @property
@@ -149,7 +149,7 @@ class Samples(Generic[Read]):
         return [element.name for element in self.program.system.elements]
 
     def __getitem__(self, name: str) -> Read:
-        rows = self.program.system.rows(name)
+        rows = self.program.system.state_index(name)
         if rows is None:
             values = self.computed(name)
         else:
@@ -162,7 +162,7 @@ class Samples(Generic[Read]):
     def columns(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         """{signal: its values at all times}, computed together: many signals cost little more than one. Raises SceneError for an unknown name."""
         system = self.program.system
-        wanted = tuple(name for name in names if system.rows(name) is None)
+        wanted = tuple(name for name in names if system.state_index(name) is None)
         expressions = [system.expression(name) for name in wanted]
         together = _function(self.program, wanted, ca.vertcat(*expressions)).over(self)
         found, end = {}, 0

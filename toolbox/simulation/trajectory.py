@@ -244,12 +244,14 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         Frictions on one slip switch together: each has its own event.
         """
         found = [event for event, _ in self._switches()]
-        if self.program.system.leaders:
-            found = sorted(found + [event for name in self.program.system.leaders for event in self._events_of(name)], key=lambda e: e.time)
+        if self.program.system.shared_modes:
+            found = sorted(
+                found + [event for name in self.program.system.shared_modes for event in self._events_of(name)], key=lambda e: e.time
+            )
         return found
 
     def _events_of(self, element: str) -> list[Event]:
-        place, legend = self.program.system.switch(element)
+        place, legend = self.program.system.element_modes(element)
         if place == self._elements.index(element):
             return [event for event, _ in self._switches(place)]
         own = self._event_arrays[1] == place
@@ -263,7 +265,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         if place is not None:
             times, index, modes = (array[self._event_arrays[1] == place] for array in self._event_arrays)
         return [
-            (Event(float(t), elements[i].name, elements[i].legend[int(b)], elements[i].legend[int(a)]), bool(other))
+            (Event(float(t), elements[i].name, elements[i].mode_names[int(b)], elements[i].mode_names[int(a)]), bool(other))
             for t, i, (b, a, other) in zip(times, index, modes, strict=True)
             if not elements[i].second
         ]
@@ -320,13 +322,13 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def _legends(self) -> dict[str, dict[int, str]]:
-        return {element.name: element.legend for element in self.program.system.elements}
+        return {element.name: element.mode_names for element in self.program.system.elements}
 
     def _no_element(self, name: str) -> SceneError:
-        return self.program.system.no_element(name)
+        return self.program.system.unknown_element_error(name)
 
     def _at_last(self, element: str) -> str:
-        place, legend = self.program.system.switch(element)
+        place, legend = self.program.system.element_modes(element)
         return legend[int(self._last_mode[place])]
 
     def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples[Any]:

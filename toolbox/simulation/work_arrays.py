@@ -103,7 +103,7 @@ def _same_gaps(program: Program, state: RunState, p: np.ndarray, x: np.ndarray) 
 def closures(program: Program, t: float, x: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Return the closures of the gaps of the rigid contacts of a program at a point, in order."""
     elements = [element for element in program.system.elements if element.rigid]
-    names = tuple(f"{element.name}.{'slip' if element.one_way else 'closure'}" for element in elements)
+    names = tuple(f"{element.name}.{'slip' if element.is_unilateral else 'closure'}" for element in elements)
     found, m = np.empty(len(names)), np.ones(program.kind.size)
     signal_reader(program, names)(t, 0.0, *(array.ctypes.data for array in (x, x, p, m, found)))
     return found
@@ -154,7 +154,7 @@ def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.nd
     first_state = 0
     for c, update in enumerate(updates):
         size, first_output = update.memory.numel(), program.held_slot + update.first_held
-        address = 0 if update.external else program.kernel.updates[c]
+        address = 0 if update.from_callable else program.kernel.updates[c]
         samplers[c] = (
             address,
             run.start.taken[c],

@@ -69,10 +69,10 @@ def equilibria(loop: ClosedLoop) -> list[Equilibrium]:
     slip+ 0.02 rad/s
     stick 0.00 rad/s
     """
-    plant, inputs = loop.continuous.system, loop.constant_inputs("a steady state")
+    plant, inputs = loop.continuous_loop.system, loop.constant_inputs("a steady state")
     contacts = [element for element in plant.elements if element.law is not None]
     holding = [element.name for element in contacts]
-    words = [(legend[1], legend.get(-1, legend[1]), legend[0]) for legend in (element.legend for element in contacts)]
+    words = [(legend[1], legend.get(-1, legend[1]), legend[0]) for legend in (element.mode_names for element in contacts)]
     combinations = list(zip(*words, strict=True)) if 3 ** len(holding) > MANY_MODES else list(dict.fromkeys(itertools.product(*words)))
     smooth = _frictionless(plant, _free(plant), input_values(plant, inputs))
     found: list[Equilibrium] = []

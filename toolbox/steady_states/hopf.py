@@ -159,13 +159,13 @@ def hopf_points(
     3.673 rad/s, frequency 0.954 rad/s
     """
     check_slopes(loop)
-    free = loop.acting(parameter, "hopf_points", lambda number: number.kind.poles)
-    if loop.sampled:
+    free = loop.differentiable_number(parameter, "hopf_points", lambda number: number.kind.poles)
+    if loop.is_sampled:
         refuse_modes(mode, "hopf_points")
         found = sampled_hopf_points(SampledBranch(loop, free, guess), free.span(bounds), whole("values", values, 2))
     else:
         inputs = loop.constant_inputs("steady running")
-        found = hopf_points_of(loop.continuous.system, free, free.span(bounds), inputs, mode, guess, whole("values", values, 2))
+        found = hopf_points_of(loop.continuous_loop.system, free, free.span(bounds), inputs, mode, guess, whole("values", values, 2))
     asked = {free.unit: asked_in(free.in_si("bounds", bounds), free.unit)}
     return [replace(point, display_units=asked) for point in found]
 
@@ -256,15 +256,17 @@ def hopf_curve(
     [3.46 3.67] rad/s
     """
     check_slopes(loop)
-    other, free = (loop.acting(name, "hopf_curve", lambda number: number.kind.poles) for name in (second_parameter, parameter))
-    within, loop = free.span(bounds), loop if loop.sampled else loop.continuous
+    other, free = (
+        loop.differentiable_number(name, "hopf_curve", lambda number: number.kind.poles) for name in (second_parameter, parameter)
+    )
+    within, loop = free.span(bounds), loop if loop.is_sampled else loop.continuous_loop
     closed, inputs = loop.system, loop.constant_inputs("steady running")
-    if loop.sampled:
+    if loop.is_sampled:
         refuse_modes(mode, "hopf_curve")
     curve = []
     for value in numbers("values", other.in_si("values", values)):
         try:
-            if loop.sampled:
+            if loop.is_sampled:
                 points = sampled_hopf_points(SampledBranch(other.put(loop, value), free), within)
             else:
                 system, given = other.varied(closed, inputs, value)
@@ -375,8 +377,8 @@ def _extended(plant: HybridSystem, free: Number, given: tuple[str, ...], stickin
     if found is None:
         n = plant.x.numel()
         w, vr, vi, c = ca.SX.sym("w"), ca.SX.sym("vr", n), ca.SX.sym("vi", n), ca.SX.sym("c", 2 * n)
-        field = plant.switching.field
-        slip = ca.vertcat(*[plant.switching.slip[i] for i in sticking]) if sticking else ca.SX(0, 1)
+        field = plant.switched_equations.field
+        slip = ca.vertcat(*[plant.switched_equations.slip[i] for i in sticking]) if sticking else ca.SX(0, 1)
         # an input that nobody gives follows the parameters, which the free parameter may be one of
         u = ca.vertcat(*[entry.symbol if name in given or name == free.name else entry.default for name, entry in plant.inputs.items()])
         if plant.inputs:
@@ -409,7 +411,7 @@ def _lyapunov_coefficient(point: Equilibrium, m: np.ndarray, w: float, q: np.nda
 
     def directional() -> ca.Function:
         d1, d2, d3 = (ca.SX.sym(f"d{i}", n) for i in (1, 2, 3))
-        second = ca.jtimes(ca.jtimes(plant.switching.field, plant.x, d1), plant.x, d2)
+        second = ca.jtimes(ca.jtimes(plant.switched_equations.field, plant.x, d1), plant.x, d2)
         symbols = [plant.x, plant.u, plant.p, plant.m, d1, d2, d3]
         forms = ca.substitute([ca.densify(second), ca.densify(ca.jtimes(second, plant.x, d3))], [plant.t], [ca.SX(0)])
         return ca.Function("directional", symbols, forms)

@@ -39,7 +39,7 @@ class _Turned(Component):
     def equations(self, signal: Any) -> Equations:
         angle = state("imposed.angle", "rad")
         speed = signal("imposed.speed", "rad/s", default=self.start)
-        return Equations(flow={angle: speed}, gives={self.motion: (speed, "rad/s")})
+        return Equations(flow={angle: speed}, outputs={self.motion: (speed, "rad/s")})
 
 
 @new_names_only
@@ -118,7 +118,7 @@ def impedance(
             law = designed(law, plant)
         own.append(law)
     at_ends = [next(iter(names(getattr(each, word))), "") for each in own if isinstance(each, Controller) for word in SIGNALS][:2]
-    routes = [name for part in own for name in part.routes]
+    routes = [name for part in own for name in part.redirected_signals]
     at_ends = at_ends or list(drive_among(routes, routes.__contains__) or ("", ""))
     speed_signal, torque_signal = (
         end if named is None else named for named, end in zip((speed_signal, torque_signal), at_ends, strict=True)

@@ -42,7 +42,7 @@ def instability(loop: ClosedLoop) -> str:
     if growth is None or growth <= 0.0:
         return ""
     size = f"a small swing doubles every {math.log(2.0) / growth:.3g} s"
-    if not loop.sampled:
+    if not loop.is_sampled:
         return f"Smooth running is unstable: {size}."
     undelayed = [law.law for law in loop.controllers if isinstance(law, Sampled) and isinstance(law.law, Controller)]
     ideal = _growth(loop.with_controllers(tuple(undelayed))) if len(undelayed) == len(loop.controllers) else None

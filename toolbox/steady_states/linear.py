@@ -73,7 +73,7 @@ def equilibrium(loop: ClosedLoop, *, guess: Mapping[str, Any] | None = None, mod
     >>> print(f"{rest['top.torque']:.0f} N m at {rest['bit.speed']:.2f} rad/s")
     10546 N m at 6.28 rad/s
     """
-    loop = loop.continuous
+    loop = loop.continuous_loop
     return steady_state(loop.system, loop.constant_inputs("a steady state"), guess, mode, loop.display_units)
 
 
@@ -167,10 +167,10 @@ def steady_state(
         if contradiction:
             reason = f"the only state found contradicts its mode: {contradiction}"
             continue
-        modes = {element.name: element.legend[int(v)] for element, v in zip(plant.elements, m, strict=True)}
+        modes = {element.name: element.mode_names[int(v)] for element, v in zip(plant.elements, m, strict=True)}
         return Equilibrium(plant, x, u, modes, plant.display_units if display_units is None else display_units)
     given_inputs = ", ".join(f"{name} = {value:g}" for name, value in zip(plant.inputs, u, strict=True)) or "no inputs"
-    tried = [f"`{e.name}` in {e.legend[int(v)]}" for e, v in zip(plant.elements, m, strict=True) if e.law is not None]
+    tried = [f"`{e.name}` in {e.mode_names[int(v)]}" for e, v in zip(plant.elements, m, strict=True) if e.law is not None]
     tried = tried if len(tried) <= 3 else [f"{len(tried)} contacts in their modes"]
     words = f" with {', '.join(tried)}" if tried else ""
     raise NoSteadyState(
@@ -250,7 +250,7 @@ def linearise(
 
     def jacobians() -> list[ca.SX]:
         y = ca.vertcat(*[closed_signal(plant, name) for name in kept_outputs])
-        return [ca.jacobian(a, b) for a in (plant.switching.field, y, plant.switching.slip) for b in (plant.x, plant.u)]
+        return [ca.jacobian(a, b) for a in (plant.switched_equations.field, y, plant.switched_equations.slip) for b in (plant.x, plant.u)]
 
     function = function_of(plant, ("jacobians", *kept_outputs), jacobians)
     a, b, c, d, slip_x, slip_u = (np.array(matrix) for matrix in function(t, x, u, plant.values, m))
@@ -346,7 +346,7 @@ def _modes_at(
     names = [element.name for element in plant.elements]
     for name, word in mapping("mode", mode).items():
         _code(plant.element(name), word)
-    probe = function_of(plant, ("probe",), lambda: [plant.switching.probed])
+    probe = function_of(plant, ("probe",), lambda: [plant.switched_equations.probed])
     slips = np.array(probe(t, x, u, plant.values, np.ones(len(names)))).ravel()[: len(names)]
     zero = 1e-12 * float(np.abs(x).max(initial=0.0))
     modes = np.where(slips < 0, -1.0, 1.0)
@@ -401,13 +401,13 @@ def _guards(plant: HybridSystem, t: float, x: np.ndarray, u: np.ndarray, m: np.n
     """The first guard of every element, positive while its mode holds."""
     if not plant.elements:
         return np.empty(0)
-    function = function_of(plant, ("guards",), lambda: [plant.switching.guards])
+    function = function_of(plant, ("guards",), lambda: [plant.switched_equations.guards])
     return np.array(function(t, x, u, plant.values, m)).ravel()[: 2 * len(plant.elements) : 2]
 
 
 def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndarray, t: float = 0.0) -> str:
     """What speaks against the modes at a point; empty where nothing does."""
-    probe = function_of(plant, ("probe",), lambda: [plant.switching.probed])
+    probe = function_of(plant, ("probe",), lambda: [plant.switched_equations.probed])
     slips, _, forces, bounds, _ = np.array(probe(t, x, u, plant.values, m)).reshape(5, len(plant.elements))
     size = float(np.abs(x).max(initial=0.0))
     guards = _guards(plant, t, x, u, m)
@@ -417,10 +417,10 @@ def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndar
         if not element.slides:
             scale = bound if element.rigid and mode == 0.0 else size
             if guard < -1e-9 * scale or (element.rigid and mode == 0.0 and abs(slip) > 1e-9 * size):
-                return f"`{element.name}` is not {element.legend[int(mode)]} there"
+                return f"`{element.name}` is not {element.mode_names[int(mode)]} there"
             continue
         if mode * slip < -1e-9 * size or (element.directions > 1 and mode and slip <= 1e-12 * size):
-            return f"`{element.name}` in {element.legend[int(mode)]} has the slip {_with_unit(slip, element.slip_unit)}"
+            return f"`{element.name}` in {element.mode_names[int(mode)]} has the slip {_with_unit(slip, element.slip_unit)}"
         if mode == 0.0 and abs(slip) > 1e-9 * size:
             return f"`{element.name}` in stick has the slip {_with_unit(slip, element.slip_unit)}"
         if mode == 0.0 and not abs(force) <= bound * (1.0 + 1e-9):
@@ -451,7 +451,7 @@ def _point(
         place_starts(plant, x, states_of(at, plant, "at"))
         t, placed[:] = float(at.time[0]), True
         ran = [element.name for element in at.program.system.elements]
-        own = {e.name: e.legend[int(at.mode[0, ran.index(e.name)])] for e in plant.elements if e.name in ran} | own
+        own = {e.name: e.mode_names[int(at.mode[0, ran.index(e.name)])] for e in plant.elements if e.name in ran} | own
         given = {name: float(np.ravel(at[name])[0]) for name in plant.inputs if name in at} | given
     elif isinstance(at, Mapping):
         mark = np.full(x.size, np.nan)
@@ -464,7 +464,7 @@ def _point(
     u = input_values(plant, given)
     m = _modes_at(plant, x, u, own, t)
     if (m == 0.0).any():
-        project = function_of(plant, ("project",), lambda: [plant.switching.projected])
+        project = function_of(plant, ("project",), lambda: [plant.switched_equations.projected])
         stuck = np.array(project(t, x, u, plant.values, m)).ravel()
         x = np.where(placed, x, stuck)
     contradiction = _contradiction(plant, x, u, m, t)
@@ -531,7 +531,7 @@ def residual_functions(plant: HybridSystem) -> tuple[NumericFunction, NumericFun
     >>> print(len(residual_functions(compose(wells.JANSEN_2, BitRock()))))
     2
     """
-    values = [plant.switching.field, plant.switching.slip]
+    values = [plant.switched_equations.field, plant.switched_equations.slip]
     slopes = function_of(plant, ("slopes",), lambda: [ca.jacobian(value, plant.x) for value in values])
     return function_of(plant, ("residual",), lambda: values), slopes
 

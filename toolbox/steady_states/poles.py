@@ -57,12 +57,12 @@ def pole_locus(loop: ClosedLoop, parameter: str, values: Sequence[NumberOrText],
     from scipy.optimize import linear_sum_assignment
 
     check_slopes(loop)
-    free = loop.acting(parameter, "pole_locus", lambda number: number.kind.poles)
-    if loop.sampled:
+    free = loop.differentiable_number(parameter, "pole_locus", lambda number: number.kind.poles)
+    if loop.is_sampled:
         refuse_modes(mode, "pole_locus")
         poles_at = SampledBranch(loop, free).poles
     else:
-        followed = EquilibriumBranch(loop.continuous.system, free, loop.constant_inputs("steady running"), mode)
+        followed = EquilibriumBranch(loop.continuous_loop.system, free, loop.constant_inputs("steady running"), mode)
 
         def poles_at(value: float) -> np.ndarray | None:
             point = followed(value)

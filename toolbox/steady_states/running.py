@@ -58,7 +58,7 @@ def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], actuated_signals: 
     n, k = plant.x.numel(), len(driven)
 
     def expressions() -> list[ca.SX]:
-        values = ca.vertcat(plant.switching.field, *[closed_signal(plant, name) for name in wanted])
+        values = ca.vertcat(plant.switched_equations.field, *[closed_signal(plant, name) for name in wanted])
         return [values, ca.jacobian(values, plant.x), ca.jacobian(values, plant.u)]
 
     function = function_of(plant, ("running", *wanted), expressions)
@@ -108,4 +108,4 @@ def at_set_points(loop: ClosedLoop) -> Equilibrium:
     known = {name: value for name, value in inputs.items() if name in plant.inputs}
     # a law that drives the weight keeps it where it is asked
     known |= {name: values[reference] for name, reference in driven.items() if reference in values}
-    return running(dataclasses.replace(loop.bare, inputs=known), wanted, drives)
+    return running(dataclasses.replace(loop.without_controllers, inputs=known), wanted, drives)

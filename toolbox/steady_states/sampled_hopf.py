@@ -30,7 +30,7 @@ REAL = 1e-9
 
 def check_slopes(loop: ClosedLoop) -> None:
     """Raise SceneError where a controller is a Python callable, which has no slope."""
-    if loop.closed.callables:
+    if loop.assembly.callables:
         raise SceneError(
             "Argument `loop` must hold controllers with slopes, but a Python callable has neither a slope nor a continuous form: `onset` judges its runs."
         )
@@ -53,7 +53,7 @@ class SampledBranch:
     def __init__(self, loop: ClosedLoop, free: Number, guess: Mapping[str, Any] | None = None):
         self.loop, self.free, self.guess = without_sensor_errors(loop), free, dict(guess or {})
         check_slopes(loop)
-        if loop.changes_in_time:
+        if loop.depends_on_time:
             raise SceneError("Argument `loop` must not depend on time itself for steady running, but time enters the equations.")
         self.known: dict[float, tuple[SampledPoint, ClosedLoop, FloatArray, FloatArray, float] | None] = {}
         self.reason = "none is found there"
@@ -74,7 +74,7 @@ class SampledBranch:
 
     def _found(self, value: float) -> tuple[SampledPoint, ClosedLoop, FloatArray, FloatArray, float] | None:
         loop = self.free.put(self.loop, value)
-        point = SampledPoint(loop.system, loop.closed.plant, loop.closed.clocks, loop.constant_inputs("steady running"))
+        point = SampledPoint(loop.system, loop.assembly.plant, loop.assembly.clocks, loop.constant_inputs("steady running"))
         for guess in self._guesses(point, loop, value):
             try:
                 q = point.solved(guess)
@@ -169,8 +169,8 @@ class SampledBranch:
         found = self(value)
         assert found is not None
         point, loop, q, _, _ = found
-        plant, at = loop.closed.plant, point.start(loop.closed.plant, q, kick=0.0)
+        plant, at = loop.assembly.plant, point.start(loop.assembly.plant, q, kick=0.0)
         states = np.concatenate([np.atleast_1d(at[name]) for name in plant.states])
-        given = {**{n: v for n, v in loop.values.items() if n in plant.inputs}, **{n: float(at[n]) for n in plant.inputs if n in at}}
-        words = {e.name: e.legend[round(float(mode))] for e, mode in zip(loop.system.elements, point.m, strict=True)}
+        given = {**{n: v for n, v in loop.input_values.items() if n in plant.inputs}, **{n: float(at[n]) for n in plant.inputs if n in at}}
+        words = {e.name: e.mode_names[round(float(mode))] for e, mode in zip(loop.system.elements, point.m, strict=True)}
         return Equilibrium(plant, states, input_values(plant, given), words)

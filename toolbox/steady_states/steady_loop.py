@@ -68,8 +68,8 @@ class Broken(Controller):
 
     def continuous(self, signal: Signal) -> Equations:
         equations = self.law.continuous(signal)
-        given = {f"broken.{name}" if name in self.law.actuated_signals else name: value for name, value in equations.gives.items()}
-        return dataclasses.replace(equations, gives=given)
+        given = {f"broken.{name}" if name in self.law.actuated_signals else name: value for name, value in equations.outputs.items()}
+        return dataclasses.replace(equations, outputs=given)
 
 
 def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoop:
@@ -88,7 +88,7 @@ def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> Steady
     )
     broken = dataclasses.replace(loop, controllers=tuple(Broken(law) for law in loop.designed))
     drives = tuple(name for law in loop.designed for name in law.actuated_signals)
-    commands = {plant.routes.get(name, name): float(point[plant.routes.get(name, name)]) for name in drives}
+    commands = {plant.redirected_signals.get(name, name): float(point[plant.redirected_signals.get(name, name)]) for name in drives}
     state = {name: point[name] for name in closed.states}
     system = broken.system
     linear = linearise(
@@ -122,9 +122,9 @@ class SampledPoint:
     def __init__(self, system: HybridSystem, plant: HybridSystem, clocks: Sequence[tuple[float, float]], inputs: Mapping[str, float]):
         self.system, self.clocks = system, clocks
         self.u = input_values(system, inputs)
-        field = system.switching.field
+        field = system.switched_equations.field
         following, outputs = (
-            [system.with_forces(ca.densify(each)) for each in pair]
+            [system.substitute_forces(ca.densify(each)) for each in pair]
             for pair in zip(*[(update.following, update.outputs) for update in system.updates], strict=True)
         )
         names, owners = [], []
@@ -161,7 +161,7 @@ class SampledPoint:
         """Set the modes to those given, the others by the direction of slip; False where a contact sticks, about which nothing is linear."""
         x = np.zeros(self.n)
         place_starts(self.system, x, states)
-        slips = np.array(self.system.slips(0.0, x, self.u, self.system.values, np.ones(self.m.size))).ravel()
+        slips = np.array(self.system.slip_function(0.0, x, self.u, self.system.values, np.ones(self.m.size))).ravel()
         self.m = np.array([modes.get(e.name, -1.0 if slip < 0 else 1.0) for e, slip in zip(self.system.elements, slips, strict=True)])
         return not any(e.slides and mode == 0.0 for e, mode in zip(self.system.elements, self.m, strict=True))
 
@@ -245,7 +245,7 @@ class SampledPoint:
 
     def slips(self, q: np.ndarray) -> np.ndarray:
         """Slips of all contacts at q, shape (elements,)."""
-        return np.array(self.system.slips(0.0, q[: self.n], self.u, self.system.values, self.m)).ravel()
+        return np.array(self.system.slip_function(0.0, q[: self.n], self.u, self.system.values, self.m)).ravel()
 
     def loop(self, slope: np.ndarray, delay: float = 0.0, only: int | None = None) -> LinearLoop:
         """The linear loop from the slopes at the steady q, with commands that come some delay [s] later than they do: all, or `only` one."""
@@ -294,15 +294,15 @@ def without_sensor_errors(loop: ClosedLoop) -> ClosedLoop:
     quiet = loop.with_controllers(
         dataclasses.replace(law, noise={}, resolution={}) if isinstance(law, Sampled) else law for law in loop.controllers
     )
-    return quiet.but(parameters={name: value for name, value in loop.parameters.items() if ".sensors." not in name})
+    return quiet.replace(parameters={name: value for name, value in loop.parameters.items() if ".sensors." not in name})
 
 
 def sampled_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoop:
     """The loop of sampled laws, with continuous ones as a part of the plant; raises NoDerivative where a law has none at steady running."""
     exact = without_sensor_errors(loop)
-    plant, inputs, system, clocks = loop.plant, loop.constant_inputs("a linear loop"), exact.system, exact.closed.clocks
+    plant, inputs, system, clocks = loop.plant, loop.constant_inputs("a linear loop"), exact.system, exact.assembly.clocks
     check_one_direction(system.elements, "The linear loop of a sampled law", "let the law act continuously")
-    if any(update.external for update in system.updates):
+    if any(update.from_callable for update in system.updates):
         raise NoDerivative("the law is a Python callable")
     periods = {period for period, _ in clocks}
     if len(periods) > 1:
@@ -354,7 +354,7 @@ def _guesses(point: SampledPoint, loop: ClosedLoop, guess: Mapping[str, Any]) ->
         states = {name: known[name] for name in plant.states}
         if point.placed(states, {}, {}):
             yield point.begun(states, {point.names[j]: known[point.names[j]] for j in point.driven})
-    states = {name: value for name, value in guess.items() if point.system.rows(name) is not None or name in point.system.signals}
+    states = {name: value for name, value in guess.items() if point.system.state_index(name) is not None or name in point.system.signals}
     states = states or ({name: candidates[-1][name] for name in plant.states} if candidates else {})
     if point.placed(states, {}, {}):
         yield point.with_outputs(states, {})
@@ -397,10 +397,10 @@ def steady_loop(loop: ClosedLoop, guess: Mapping[str, Any] | None = None) -> Ste
     near = mapping("guess", guess)
     if not loop.controllers:
         raise SceneError("Argument `loop` must hold a control law, but there is none.")
-    if loop.changes_in_time:
+    if loop.depends_on_time:
         raise NoDerivative("time itself enters the equations of the loop")
     place_starts(loop.system, np.zeros(loop.system.x.numel()), {name: value for name, value in near.items() if not _remembered(loop, name)})
-    return (sampled_steady_loop if loop.sampled else continuous_steady_loop)(loop, near)
+    return (sampled_steady_loop if loop.is_sampled else continuous_steady_loop)(loop, near)
 
 
 def linear_loop(loop: ClosedLoop) -> LinearLoop:
@@ -410,7 +410,7 @@ def linear_loop(loop: ClosedLoop) -> LinearLoop:
     """
     if loop.controllers:
         return steady_loop(loop).loop(0.0)
-    if loop.changes_in_time:
+    if loop.depends_on_time:
         raise NoDerivative("time itself enters the equations of the machine")
     point = equilibrium(loop)
     if any(

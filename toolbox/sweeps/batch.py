@@ -286,9 +286,9 @@ def single(task: Task, i: int) -> Run:
     start = start.on_clocks(base.clocks)
     clocked = {clock_path(base.loop, index) for index in clock_prefixes(base.loop).values()}  # `Sampled` says what they are
     own_numbers = {name: value for name, value in parameters.items() if name not in clocked}
-    loop = base.loop.but(inputs={**base.loop.inputs, **varied}, parameters={**base.loop.parameters, **own_numbers})
+    loop = base.loop.replace(inputs={**base.loop.inputs, **varied}, parameters={**base.loop.parameters, **own_numbers})
     if task.starts is not None:
-        loop = loop.but(start={**loop.start, **state_values(system, start.states)})
+        loop = loop.replace(start={**loop.start, **state_values(system, start.states)})
     seeds = base.seeds if task.seeds is None else task.seeds[i].tolist()
     return dataclasses.replace(base, plant=plant, system=system, inputs=inputs, start=start, loop=loop, seeds=seeds)
 

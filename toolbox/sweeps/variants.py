@@ -39,11 +39,11 @@ def shared_run(loop: ClosedLoop, variations: Variations, duration: float, **argu
     if len(set(variations.names)) < len(variations.names):
         raise SceneError("Argument `ranges` must name every number once.")
     kept = [{name: v for name, v in given.items() if name not in variations.names} for given in (loop.inputs, loop.parameters)]
-    loop = loop.but(inputs=kept[0], parameters=kept[1])
+    loop = loop.replace(inputs=kept[0], parameters=kept[1])
     middle = variations.points[len(variations.points) // 2].tolist()
     numbers = [loop.number(name) for name in variations.names]
     return Request(
-        loop.but(inputs={**loop.inputs, **{each.name: v for each, v in zip(numbers, middle, strict=True) if each.is_input}}),
+        loop.replace(inputs={**loop.inputs, **{each.name: v for each, v in zip(numbers, middle, strict=True) if each.is_input}}),
         duration,
         **arguments,
     ).checked()
@@ -55,7 +55,7 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
     Raises SceneError for a value out of its bounds, and for the nodes of a table.
     """
     loop, system = run.loop, run.system
-    numbers = [loop.free(name) for name in variations.names]
+    numbers = [loop.varied_number(name) for name in variations.names]
     for k, (number, column) in enumerate(zip(numbers, variations.points.T, strict=True)):
         _check_values(loop, number, np.unique(variations.axes[k] if variations.axes else column))
     acting = [k for k, number in enumerate(numbers) if not (number.is_design or number.is_start or number.is_clock)]
@@ -80,7 +80,7 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
         columns = [j for j, place in enumerate(places) if first <= place < first + len(numbers_of(part))]
         for i, words in _contradictions(part, found.same.copy(), first, [places[j] for j in columns], points[:, columns]):
             broken.setdefault(i, words)
-    for i, words in _unfit(loop.closed.plant, found.same, places, points):
+    for i, words in _unfit(loop.assembly.plant, found.same, places, points):
         broken.setdefault(i, words)
     return found, broken
 
@@ -125,10 +125,10 @@ def _check_values(loop: ClosedLoop, number: Number, values: np.ndarray) -> None:
         if entry is not None:
             entry.check(values)
     elif number.kind.why_no_sweep:
-        name, _ = number.in_input(loop.values)
+        name, _ = number.in_input(loop.input_values)
         raise SceneError(f"Argument `{number.name}` must not be varied in a sweep: `{name}` {number.kind.why_no_sweep}.")
     elif number.is_shape:
-        name, _ = number.in_input(loop.values)
+        name, _ = number.in_input(loop.input_values)
         for value in values.tolist():
             shape = number.put(loop, value).inputs[name]
             if name in loop.system.parameters:

@@ -185,7 +185,7 @@ class AccuracyError(SimulationError):
 
 
 class GrazingError(SimulationError):
-    """Error for an event at which a run has no derivative.
+    """Error for an event without a derivative of the run.
 
     A guard touches zero without crossing it, or two guards reach zero at the same instant.
     """

@@ -200,7 +200,7 @@ class EnsembleFilter:
         return np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, self.count]))
 
     def get_memory(self) -> FloatArray:
-        """Return the memory, on which the next estimates depend."""
+        """Return the memory that determines the next estimates."""
         states = np.zeros((self.members, self.rollout.n)) if self.states is None else self.states
         single = (self.count, self.time, self.surprise, self.since, self.filled, self.now, self.states is not None)
         return np.concatenate([single, *(each.ravel() for each in (states, self.logs, self.load, self.ring))])

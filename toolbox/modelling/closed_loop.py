@@ -442,7 +442,7 @@ class ClosedLoop(Printed):
 
     @property
     def controller_names(self) -> list[str]:
-        """Description of each controller with its sample time and its numbers on this plant, in the units in which they were typed."""
+        """Description of each controller with its sample time and its numbers on this plant, in the typed units."""
         laws = zip(self.controllers, map(law_of, self.assembly.system.parts[len(self.assembly.plant.parts) :]), strict=True)
         known = [
             (given, law if isinstance(law, Controller) else getattr(given, "law", None)) for given, law in laws

@@ -127,7 +127,7 @@ class Component(Renamed, Declared):
 
     @property
     def redirected_signals(self) -> Mapping[str, str]:
-        """Signals that this part redirects: {signal used by the controllers: signal to which they are connected instead}.
+        """Signals that this part redirects, as {signal used by the controllers: signal connected instead}.
 
         Empty for most parts. With it an actuator can be inserted without a change of the controllers: {"top.torque":
         "drive.command"}.

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scene(Labelled):
-    """Plant with controllers that are compared, and the signals and times by which they are judged. All numbers are in SI.
+    """Plant with the controllers to compare, and the signals and times to judge. All numbers are in SI.
 
     Attributes
     ----------

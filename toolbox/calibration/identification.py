@@ -86,13 +86,13 @@ class Identification(Fit):
         return [*lines, "", *self.recordings]
 
     def plot(self) -> Any:
-        """Draw friction against speed: the points of the data, the law, and its interval. Returns the axes."""
+        """Draw friction over speed: the points of the data, the friction law, and its confidence interval. Return the axes."""
         from toolbox.calibration.figures import friction_curve  # here, because matplotlib is slow to import
 
         return friction_curve(self)
 
     def plot_residuals(self) -> Any:
-        """Draw what was measured against the model, and the residuals. Returns the axes."""
+        """Draw measurement and model, and the residuals. Return the axes."""
         return super().plot()
 
 

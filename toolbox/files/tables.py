@@ -49,7 +49,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of a table, {column: number in SI or text}. Each row knows its place, so that an error can name it."""
+    """Rows of a table, each as {column: number in SI, or text}. Each row knows its position, so that an error can name it."""
 
     path: Path
     rows: tuple[Mapping[str, Any], ...]

@@ -117,7 +117,7 @@ class EventExact(Method):
     chooses: ClassVar[bool] = True
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Taylor series, or explicit formulas."""
+        """Return Taylor series or explicit formulas."""
         return self.unwatched(accuracy, system).formulas(accuracy, system)
 
     def unwatched(self, accuracy: float, system: HybridSystem) -> Method:

@@ -368,7 +368,27 @@ def now_or_near(place: str, word: str, known: Iterable[str]) -> str:
 
 
 def new_names_only(function: Callable[Arguments, Found]) -> Callable[Arguments, Found]:
-    """Let a function refuse the former names of its arguments with the names now."""
+    """Decorate a function so that it refuses the former names of its arguments. The error gives the present name.
+
+    Parameters
+    ----------
+    function
+        The function.
+
+    Returns
+    -------
+    Callable
+        The function with this check.
+
+    Examples
+    --------
+    >>> from toolbox.vocabulary import new_names_only
+    >>> @new_names_only
+    ... def double(value):
+    ...     return 2 * value
+    >>> print(double(value=3))
+    6
+    """
 
     @functools.wraps(function)
     def checked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Found:
@@ -379,7 +399,26 @@ def new_names_only(function: Callable[Arguments, Found]) -> Callable[Arguments, 
 
 
 def new_field(kind: type | str, word: str) -> str:
-    """Return the name now of a field of a class, or of the class with this name; the same word if it was never renamed."""
+    """Return the present name of a field of a class.
+
+    Parameters
+    ----------
+    kind
+        The class, or its name.
+    word
+        A present or former name of the field.
+
+    Returns
+    -------
+    str
+        The present name. `word` itself if the field was never renamed.
+
+    Examples
+    --------
+    >>> from toolbox.vocabulary import new_field
+    >>> print(new_field("Scene", "standstill") == "standstill_speed")
+    True
+    """
     names = [kind] if isinstance(kind, str) else [each.__name__ for each in kind.__mro__]
     return next((NOW[name, word] for name in names if (name, word) in NOW), word)
 

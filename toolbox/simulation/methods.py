@@ -238,7 +238,7 @@ class TimeStepping(Method):
             number("step", self.step, "s", at_least=duration / self.budget.steps)
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """The theta method of Moreau and Jean."""
+        """Return the theta method of Moreau and Jean."""
         return MOREAU_JEAN
 
     @property

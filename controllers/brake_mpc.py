@@ -44,14 +44,14 @@ class BrakeMPC(BrakeLaw):
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
 
-    margin: OptionalQuantity = quantity(0.8, "1", "part of the border force that the law allows itself", above=0)
+    margin: OptionalQuantity = quantity(0.8, "1", "allowed force as a fraction of the border of groan", above=0)
     period: Quantity = quantity(
-        0.03, "s", "sample time; 1.5 periods of the default pad, which steps at its own period would excite", above=0
+        0.03, "s", "sample time; 1.5 periods of the default pad, because steps at the period of the pad would excite it", above=0
     )
     horizon: int = 60
-    speed_size: Quantity = quantity(0.2, "rad/s", "deviation of the speed that counts", above=0)
-    angle_size: Quantity = quantity(0.05, "rad", "deviation of the angle that counts", above=0)
-    move_size: Quantity = quantity(100.0, "N", "change of the force within a period that counts", above=0)
+    speed_size: Quantity = quantity(0.2, "rad/s", "scale of the deviation of the speed in the cost", above=0)
+    angle_size: Quantity = quantity(0.05, "rad", "scale of the deviation of the angle in the cost", above=0)
+    move_size: Quantity = quantity(100.0, "N", "scale of the change of the force per sample in the cost", above=0)
     violation_cost: Quantity = quantity(1e5, "1", "cost of passing the border of groan by 1000 N", above=0)
     filter_time: Quantity = quantity(0.1, "s", "time over which the friction is averaged", at_least=0)
     lag: OptionalQuantity = quantity(None, "s", "time constant of the actuator", at_least=0)

@@ -86,8 +86,12 @@ class HystereticBitRock(Component):
     radius: Quantity = quantity(
         0.155575, "m", "radius of the bit", above=0, typical_range=(0.01, 1.0), source="Navarro-Lopez and Cortes (2007)"
     )
-    beta0: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
-    beta1: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
+    beta0: Quantity = quantity(
+        0.2, "1", "half of the distance of the branches as a fraction of the torque (assumed)", at_least=0, at_most=1
+    )
+    beta1: OptionalQuantity = quantity(
+        None, "s2/rad", "steepness of the change between the branches; None for the switched form", at_least=0
+    )
     friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)
 
     def check(self):
@@ -136,8 +140,12 @@ class SmoothHystereticBitRock(SmoothBitRock):
     HybridSystem(TorsionalChain, SmoothHystereticBitRock): 3 states (chain.twist, chain.speed); contacts: none; inputs: top.torque [N m], bit.weight [N]
     """
 
-    beta0: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
-    beta1: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
+    beta0: Quantity = quantity(
+        0.2, "1", "half of the distance of the branches as a fraction of the torque (assumed)", at_least=0, at_most=1
+    )
+    beta1: OptionalQuantity = quantity(
+        None, "s2/rad", "steepness of the change between the branches; None for the switched form", at_least=0
+    )
 
     def equations(self, signal):
         speed, inertia = signal("bit.speed", "rad/s"), signal("bit.inertia", "kg m2")

@@ -242,12 +242,12 @@ class StringOnWall(ContactBody):
     mass: Quantities = quantity(unit="kg", meaning="masses behind the hoisting lines, top first", above=0)
     axial_stiffness: Quantities = quantity(unit="N/m", meaning="stiffness of the hoisting lines, then between masses", at_least=0)
     axial_damping: Quantities = quantity(unit="N s/m", meaning="damping beside every axial stiffness", at_least=0)
-    inertia: Quantities = quantity(unit="kg m2", meaning="that of the top drive, then one for every mass", above=0)
+    inertia: Quantities = quantity(unit="kg m2", meaning="inertia of the top drive, then one inertia for every mass", above=0)
     stiffness: Quantities = quantity(unit="N m/rad", meaning="stiffness between inertias", at_least=0)
     damping: Quantities = quantity(unit="N m s/rad", meaning="damping between inertias", at_least=0)
-    radius: Quantity = quantity(unit="m", meaning="of the surface that touches the wall", above=0)
+    radius: Quantity = quantity(unit="m", meaning="radius of the surface that touches the wall", above=0)
     loads: Quantities = quantity(unit="N", meaning="side force on the wall at every mass", at_least=0)
-    top_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the top drive, where it is an inertia", at_least=0)
+    top_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the top drive, if the top drive is an inertia", at_least=0)
     top_drive: bool = False
     friction: FrictionLaw = Coulomb(0.3, 0.3)
 

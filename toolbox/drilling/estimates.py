@@ -54,9 +54,10 @@ CALM_STRING = (
 
 
 class Detector:
-    """Whether the bit sticks and slips, from estimates one after the other.
+    """Detector of stick-slip, from a sequence of estimates.
 
-    It begins with a swing nearly as large as the mean speed in which half of the members stuck, and ends where the swing has become small.
+    Stick-slip begins when the speed range is nearly as large as the mean speed and half of the members have stuck. It
+    ends when the range has become small.
     """
 
     def __init__(self) -> None:

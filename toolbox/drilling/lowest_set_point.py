@@ -92,32 +92,36 @@ def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
 
 @dataclass(frozen=True)
 class SetPointLimit(Renamed):
-    """The lowest set-point of a controller on a group of plants, with the cost of a recovery there.
+    """Lowest set-point of a controller on a group of plants, with the cost of a recovery there.
 
     Attributes
     ----------
     lowest_set_point
-        Lowest set-point [rad/s]; nan where none is held.
+        Lowest successful set-point [rad/s]. nan if no set-point is successful.
     why
-        Which run fails one step below it, or at the highest set-point where none is held.
+        The run that fails one step below it, or at the highest set-point if no set-point is successful.
     highest_set_point
-        Highest set-point that holds [rad/s], where the law fails again above it; nan where nothing that was tried above does.
+        Highest successful set-point [rad/s], if the controller fails again above it. Else nan.
     time_above_setpoint
-        Largest share of half an hour after the recovery with the top 10 % above what is asked [1].
+        Largest fraction of half an hour after the recovery in which the top is more than 10 % above the set-point [1].
     recovery_time
-        Longest time before that with the top so far above [s]; of a raised set-point that includes the raising.
+        Longest time before this with the top so far above the set-point [s]. With a raised set-point it includes the
+        time of raising.
     max_bit_speed, max_torque
         Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
     max_lifts, relapses_per_hour
-        Most lifts from the takeover on, and most an hour after the recovery, for a law that lifts its set-point.
+        Largest number of raises from the takeover on, and largest number per hour after the recovery, for a controller
+        that raises its set-point.
     max_weight_relief
-        Largest mean share of the weight that is taken off, for a law that does so [1].
+        Largest mean fraction of the weight that is removed, for a controller that does so [1].
     growth_rate
-        Largest rate at which a small disturbance of smooth running grows on a machine [1/s]; below 0 it dies.
+        Largest growth rate of a small disturbance of smooth running on any plant [1/s]. Negative if the disturbance
+        decays.
     disk_margin, disk_margin_nominal
-        Smallest disk margin over the machines of the group, and that of the declared one, at that set-point [1]; nan for a law without a slope.
+        Smallest disk margin at this set-point over the plants of the group, and disk margin of the nominal plant [1].
+        nan for a controller without a slope.
     weakest_plant
-        The machine with the smallest.
+        The plant with the smallest disk margin.
     """
 
     lowest_set_point: float

@@ -119,7 +119,7 @@ def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: N
 
 @dataclass(frozen=True)
 class StickSlipPeriod:
-    """One cycle of stick-slip [s]: slip for `slip` from the release at `start`, then stick for `stick`, until the next release.
+    """One cycle of stick-slip: slip from the release at `start` for the time `slip`, then stick for the time `stick` until the next release [s].
 
     Examples
     --------
@@ -136,7 +136,7 @@ class StickSlipPeriod:
 
     @property
     def period(self) -> float:
-        """From release to release [s]."""
+        """Time from one release to the next [s]."""
         return self.slip + self.stick
 
 
@@ -566,9 +566,9 @@ def _aimed(run: Recorded, signal: str, target: NumberOrText, size: NumberOrText 
 # ------------------------------------------------------------------------------------------------------------------------- unilateral contacts
 @dataclass(frozen=True)
 class Contact:
-    """What a unilateral contact went through: number of impacts, time closed [s], largest force [N] and largest speed of approach [m/s].
+    """Metrics of a unilateral contact: number of impacts, time closed [s], largest force [N] and largest approach speed [m/s].
 
-    A rigid contact takes an impact in an instant, so that its force is that while it is closed.
+    For a rigid contact, which takes an impact in an instant, the force is the force while the contact is closed.
     """
 
     impacts: int

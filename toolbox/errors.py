@@ -191,7 +191,7 @@ class GrazingError(SimulationError):
     """
 
 
-def listed(names: Iterable[str], most: int = 30) -> str:
+def joined(names: Iterable[str], most: int = 30) -> str:
     """Return names between marks for an error message: a file may hold any number of names of any length.
 
     Parameters
@@ -208,8 +208,8 @@ def listed(names: Iterable[str], most: int = 30) -> str:
 
     Examples
     --------
-    >>> from toolbox.errors import listed
-    >>> print(listed(["time", "bit.speed", "top.speed"], most=2))
+    >>> from toolbox.errors import joined
+    >>> print(joined(["time", "bit.speed", "top.speed"], most=2))
     `time`, `bit.speed` and 1 more
     """
     names = list(names)
@@ -246,4 +246,4 @@ def suggest(name: str, known: Iterable[str]) -> str:
         return "did you mean " + " or ".join(f"`{word}`" for word in near) + "?"
     if not known:
         return "none is known."
-    return f"known are {listed(known)}."
+    return f"known are {joined(known)}."

@@ -368,26 +368,29 @@ def now_or_near(place: str, word: str, known: Iterable[str]) -> str:
 
 
 def new_names_only(function: Callable[Arguments, Found]) -> Callable[Arguments, Found]:
-    """Decorate a function so that it refuses the former names of its arguments. The error gives the present name.
+    """Return a function that refuses the former names of its arguments with the names now.
 
     Parameters
     ----------
     function
-        The function.
+        Function whose renamed arguments have entries in the vocabulary, under the name of the function.
 
     Returns
     -------
-    Callable
-        The function with this check.
+    function
+        The function, with this check before each call.
 
     Examples
     --------
-    >>> from toolbox.vocabulary import new_names_only
+    >>> from toolbox.authoring import new_names_only
     >>> @new_names_only
-    ... def double(value):
-    ...     return 2 * value
-    >>> print(double(value=3))
+    ... def hopf_curve(second_parameter):
+    ...     return 2 * second_parameter
+    >>> hopf_curve(second_parameter=3)
     6
+    >>> hopf_curve(over=3)
+    Traceback (most recent call last):
+    toolbox.errors.SceneError: Argument `over` of `hopf_curve` is now `second_parameter`.
     """
 
     @functools.wraps(function)
@@ -399,25 +402,26 @@ def new_names_only(function: Callable[Arguments, Found]) -> Callable[Arguments, 
 
 
 def new_field(kind: type | str, word: str) -> str:
-    """Return the present name of a field of a class.
+    """Return the present name of a field of a class; the same word if it was never renamed.
 
     Parameters
     ----------
     kind
-        The class, or its name.
+        The class, or its name. Entries of the ancestors of a class hold for it, too.
     word
-        A present or former name of the field.
+        Name of the field, perhaps a former one.
 
     Returns
     -------
     str
-        The present name. `word` itself if the field was never renamed.
+        The present name.
 
     Examples
     --------
-    >>> from toolbox.vocabulary import new_field
-    >>> print(new_field("Scene", "standstill") == "standstill_speed")
-    True
+    >>> from models import GaussianStribeck
+    >>> from toolbox.authoring import new_field
+    >>> print(new_field(GaussianStribeck, "speed"), len(new_field(GaussianStribeck, "static")))
+    stribeck_speed 6
     """
     names = [kind] if isinstance(kind, str) else [each.__name__ for each in kind.__mro__]
     return next((NOW[name, word] for name in names if (name, word) in NOW), word)

@@ -57,7 +57,7 @@ def test_a_coast_down_and_a_sine_and_steps_together_give_the_joint():
     assert off(found, TRUTH) == [] and found.white
     assert all(found.standard_errors[found.names.index(name)] < 1e-3 * value for name, value in TRUTH.items())
     assert "raise the force slowly" in found.untold["bearing.friction.dry.static"]
-    speed, middle, low, high = found.curve
+    speed, middle, _, high = found.curve
     right = np.sign(speed) * (0.3 + 0.05 * np.abs(speed))
     assert (np.abs(right - middle) < 2.0 * (high - middle)).all()  # four standard errors, as in `off`: all speeds are off together
     assert np.abs(found.points[1] - np.sign(found.points[0]) * (0.3 + 0.05 * np.abs(found.points[0]))).max() < 0.05
@@ -90,7 +90,12 @@ def test_the_clock_of_the_torque_is_found_to_be_late():
 def test_a_stribeck_curve_is_found_where_there_is_one():
     joint = Joint(inertia=0.5, friction=Viscous(GaussianStribeck(1.0, 0.5, 0.8), 0.05))
     found = identify(log(2.0 * np.sin(1.5 * TIME) + 0.6 * np.sin(7.0 * TIME), joint=joint, seed=4), "Joint")
-    truth = {"joint.inertia": 0.5, "bearing.friction.dry.kinetic": 0.5, "bearing.friction.dry.stribeck_speed": 0.8, "bearing.friction.viscous": 0.05}
+    truth = {
+        "joint.inertia": 0.5,
+        "bearing.friction.dry.kinetic": 0.5,
+        "bearing.friction.dry.stribeck_speed": 0.8,
+        "bearing.friction.viscous": 0.05,
+    }
     assert off(found, truth) == []
 
 

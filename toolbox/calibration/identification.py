@@ -480,7 +480,9 @@ def _told(part: Any, recording: Recording, free: Sequence[str], untold: dict[str
                 untold[name] = f"every break-away falls on a jump of the force, which passes it. To tell it, {EXPERIMENTS['static']}."
         except Unidentifiable as error:
             plain = [name.partition("[")[0] for name in error.names if name.partition("[")[0] in free]
-            order = [name for word in ("offset", "static", "stribeck_speed", "viscous", "shift") for name in plain if name.endswith(f".{word}")]
+            order = [
+                name for word in ("offset", "static", "stribeck_speed", "viscous", "shift") for name in plain if name.endswith(f".{word}")
+            ]
             lost = plain if error.mute else (order or plain)[:1]
             if not lost or len(lost) == len(free):
                 raise

@@ -85,8 +85,8 @@ class Estimates(Told, Result):
         Of the samples [s], shape (nt,).
     mean, deviation
         {"bit_speed", "bit_torque", "rock_strength", "severity" or "onset_margin": values in SI, shape (nt,)}; nan where nothing is known. The
-        onset margin is the mean bit speed over the border below which smooth running is lost; it is nan while the bit sticks and slips. Severity and margin are nan where ensemble and torque
-        disagree on stick-slip.
+        onset margin is the mean bit speed over the border below which smooth running is lost; it is nan while the bit sticks
+        and slips. Severity and margin are nan if ensemble and torque disagree on stick-slip.
     stick_slip
         Whether there is stick-slip, by ensemble and torque, shape (nt,).
     source

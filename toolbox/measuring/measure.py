@@ -24,7 +24,7 @@ from toolbox.measuring.energy import energy_audit as energy_audit
 from toolbox.measuring.energy import gauss
 from toolbox.measuring.severity import Extent, check_definition, severity_of
 from toolbox.simulation.recorded import Recorded
-from toolbox.simulation.samples import scalar, window
+from toolbox.simulation.samples import check_run, scalar, window
 
 if TYPE_CHECKING:
     from toolbox.measuring.quintics import Steps
@@ -360,6 +360,7 @@ def severity(
     >>> print(f"{measure.severity(run, 'bit.speed', after=60.0):.2f}")
     1.35
     """
+    check_run(run)
     signal = rubbing_speed(run) if signal is None else signal
     reference = in_si(reference, run.unit(signal), "reference") if isinstance(reference, str) else reference
     check_definition(definition, reference)

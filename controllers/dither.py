@@ -38,10 +38,10 @@ def declared_load(plant: HybridSystem, load: str) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class LoadDither(Controller):
-    """What the dithers of a normal load share: they drive `load` with mean (1 + depth wave), |wave| <= 1.
+    """Base class of the dithers of a normal load: they give `load` the value mean (1 + depth wave), with |wave| <= 1.
 
-    With `over` they drive `load`, such as `brake.disturbance`, with depth wave times the signal `over`, the force that another law commands. `mean` is
-    the default of the input `load` unless given.
+    With `over` they give `load`, such as `brake.disturbance`, the value depth wave times the signal `over`, the force
+    that another controller commands. `mean` is by default the default of the input `load`.
     """
 
     load: str = "bit.weight"

@@ -262,7 +262,7 @@ class DitherMap:
         if not found:
             standing = f" The contact stands at {int(self.stands.sum())} of {self.swing.size} points: hold its speed, as `HeldSpeed` does on a brake."
             raise SceneError(
-                f"No dither on the map brings the swing below {below:g} of what it was while the contact slips."
+                f"No dither on the map brings the swing below {below:g} of the swing without dither while the contact slips."
                 + standing * bool(self.stands.any())
             )
         wide = [entry for entry in found if entry[2] >= 2.0 * entry[1]]
@@ -270,7 +270,7 @@ class DitherMap:
         return float(np.sqrt(low * high)), float(depth)
 
     def __str__(self) -> str:
-        head = f"Swing under dither, as a fraction of that without; natural frequency {self.natural:.4g} Hz; * stands"
+        head = f"Swing under dither as a fraction of the swing without dither; natural frequency {self.natural:.4g} Hz; * stands"
         names = f"{'frequency [Hz]':<16}" + "".join(f"{f'depth {depth:.2g}':>12}" for depth in self.depth)
         lines = [head, names, "-" * len(names)]
         for j, frequency in enumerate(self.frequency):
@@ -348,7 +348,7 @@ def dither_map(
     >>> from toolbox import compose
     >>> block = compose(oscillators.LEINE)
     >>> print(dither_map(block, "block.load", 1.0, 0.159, contact="belt", signal="block.position", ratios=(0.5, 3.5), depths=(0.8,)))
-    Swing under dither, as a fraction of that without; natural frequency 0.159 Hz; * stands
+    Swing under dither as a fraction of the swing without dither; natural frequency 0.159 Hz; * stands
     frequency [Hz]     depth 0.8
     ----------------------------
     0.0795                 1.88

@@ -82,8 +82,8 @@ class BrakeLaw(Controller):
             raise SceneError(f"{type(self).__name__} needs `inertia` and `radius` of the disc: {error}") from None
         if self.margin is not None and self.border_forces is None and (self.border is None or self.growth is None):
             border = groan_border(plant)
-            if border.growth > 0.0:
-                first, growth = border.forces[0], border.growth
+            if border.growth_rate > 0.0:
+                first, growth = border.forces[0], border.growth_rate
                 found |= {"border": first if self.border is None else self.border, "growth": growth if self.growth is None else self.growth}
             elif self.border is not None or self.growth is not None:
                 missing = "growth" if self.growth is None else "border"
@@ -166,16 +166,16 @@ class GroanBorder(NamedTuple):
 
     speeds: tuple[float, ...]
     forces: tuple[float, ...]
-    growth: float = 0.0
+    growth_rate: float = 0.0
 
     def at(self, speed: float) -> float:
         """Return the border [N] at a disc speed [rad/s] >= 0. At a speed where two pieces meet, the piece of the higher speeds holds."""
         piece = int(np.searchsorted(self.speeds, number("speed", speed, "rad/s", at_least=0), side="right")) - 1
-        return self.forces[piece] * math.exp(self.growth * speed)  # growth is 0 where a piece has no border
+        return self.forces[piece] * math.exp(self.growth_rate * speed)  # growth is 0 where a piece has no border
 
     def __str__(self) -> str:
         ends = (*self.speeds[1:], math.inf)
-        grows = f" x exp({self.growth:g} s/rad x disc speed)" if self.growth else ""
+        grows = f" x exp({self.growth_rate:g} s/rad x disc speed)" if self.growth_rate else ""
         told = (f"{force:.1f} N" if math.isfinite(force) else "no border" for force in self.forces)
         rows = zip(self.speeds, ends, told, strict=True)
         return "\n".join(["Border of groan, force of one pad", *(f"  {u:8.3f} to {w:8.3f} rad/s  {force}{grows}" for u, w, force in rows)])
@@ -274,6 +274,6 @@ def groan_force(plant: HybridSystem) -> tuple[float, float]:
     Under N_0 the pad keeps its damping down to standstill. Raises SceneError for a plant whose pad has another law of friction: see `groan_border`.
     """
     border = groan_border(plant)
-    if border.growth == 0.0:
+    if border.growth_rate == 0.0:
         raise SceneError("The border grows exponentially with speed only for exponential friction: use `groan_border`.")
-    return border.forces[0], border.growth
+    return border.forces[0], border.growth_rate

@@ -49,9 +49,9 @@ class BrakeMPC(BrakeLaw):
         0.03, "s", "sample time; 1.5 periods of the default pad, which steps at its own period would excite", above=0
     )
     horizon: int = 60
-    speed_size: Quantity = quantity(0.2, "rad/s", "deviation of the speed that counts", above=0)
-    angle_size: Quantity = quantity(0.05, "rad", "deviation of the angle that counts", above=0)
-    move_size: Quantity = quantity(100.0, "N", "change of the force within a period that counts", above=0)
+    speed_scale: Quantity = quantity(0.2, "rad/s", "deviation of the speed that counts", above=0)
+    angle_scale: Quantity = quantity(0.05, "rad", "deviation of the angle that counts", above=0)
+    force_step_scale: Quantity = quantity(100.0, "N", "change of the force within a period that counts", above=0)
     violation_cost: Quantity = quantity(1e5, "1", "cost of passing the border of groan by 1000 N", above=0)
     filter_time: Quantity = quantity(0.1, "s", "time over which the friction is averaged", at_least=0)
     lag: OptionalQuantity = quantity(None, "s", "time constant of the actuator", at_least=0)
@@ -100,7 +100,7 @@ class PlannedStop(Stateful):
         self.forced = np.where(power >= 0, (1.0 - self.keep) * self.keep ** np.maximum(power, 0), 0.0)
         self.sum = np.tril(np.ones((N, N)))
         moves = np.eye(N) - np.eye(N, k=-1)
-        self.curvature = (UNIT / law.move_size) ** 2 * moves.T @ moves
+        self.curvature = (UNIT / law.force_step_scale) ** 2 * moves.T @ moves
         slack = self.slack = 0 if law.margin is None else 1
         self.rows = np.zeros((N * (1 + slack), N + slack))
         self.rows[:N, :N] = moves
@@ -161,9 +161,9 @@ class PlannedStop(Stateful):
         Z, angle = h * self.sum @ S, total + h * self.sum @ error
         H = np.zeros((N + self.slack, N + self.slack))
         g = np.zeros(N + self.slack)
-        H[:N, :N] = S.T @ S / law.speed_size**2 + Z.T @ Z / law.angle_size**2 + self.curvature
-        g[:N] = S.T @ error / law.speed_size**2 + Z.T @ angle / law.angle_size**2
-        g[0] -= UNIT * self.last / law.move_size**2
+        H[:N, :N] = S.T @ S / law.speed_scale**2 + Z.T @ Z / law.angle_scale**2 + self.curvature
+        g[:N] = S.T @ error / law.speed_scale**2 + Z.T @ angle / law.angle_scale**2
+        g[0] -= UNIT * self.last / law.force_step_scale**2
         low = np.full(N + self.slack, law.lowest_force / UNIT)
         high = np.full(N + self.slack, law.highest_force / UNIT)
         step = self.step

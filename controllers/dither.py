@@ -180,7 +180,7 @@ class PhasedDither(LoadDither):
     speed: str = "bit.speed"
     unit: str | None = None
     reference: Quantity = quantity(0.0, "rad/s", "value of the signal at the mean slip, in its unit")
-    size: Quantity = quantity(1.0, "rad/s", "deviation of the signal at which the depth is reached, in its unit")
+    speed_scale: Quantity = quantity(1.0, "rad/s", "deviation of the signal at which the depth is reached, in its unit")
 
     @property
     def measured_signals(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -188,7 +188,7 @@ class PhasedDither(LoadDither):
         return (self.speed,) if self.over is None else (self.speed, self.over)
 
     def check(self):
-        if self.size == 0:
+        if self.speed_scale == 0:
             raise SceneError("Argument `size` must not be 0.")
 
     def design(self, plant: HybridSystem) -> Any:
@@ -197,7 +197,7 @@ class PhasedDither(LoadDither):
         return law if self.unit is not None else replace(law, unit=plant.unit(self.speed))
 
     def _wave(self, signal: Any) -> Any:
-        return ca.fmin(ca.fmax((signal(self.speed, self.unit) - self.reference) / self.size, -1.0), 1.0)
+        return ca.fmin(ca.fmax((signal(self.speed, self.unit) - self.reference) / self.speed_scale, -1.0), 1.0)
 
     def continuous(self, signal):
         return Equations(outputs=self.loaded(signal, self._wave(signal)))
@@ -295,7 +295,7 @@ def dither_map(
     ratios: Sequence[float] | np.ndarray,
     depths: Sequence[float] | np.ndarray,
     periods: float = 80.0,
-    offset: float = 0.0,
+    other_load: float = 0.0,
     **arguments: Any,
 ) -> DitherMap:
     """Map the amplitude of a signal over frequency and depth of an alternating load, by simulation.
@@ -360,7 +360,7 @@ def dither_map(
     given: Mapping[str, Any] = arguments.pop("inputs", None) or {}
 
     def found(depth: float, ratio: float) -> tuple[float, float]:
-        wave = {load: sine(mean - offset, depth * mean, ratio * natural)} if depth else {load: mean - offset}
+        wave = {load: sine(mean - other_load, depth * mean, ratio * natural)} if depth else {load: mean - other_load}
         run = simulate(plant, duration, inputs={**given, **wave}, **arguments)
         extent = measure.extent(run, signal, duration / 2)
         stuck = measure.stuck_ratio(run, contact, duration / 2)

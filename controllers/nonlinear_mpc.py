@@ -70,7 +70,7 @@ class NonlinearMPC(Predictive):
     match_static_peak: bool = True
     adapt_rock_strength: bool = True
     iterations: int = 1
-    steps: int = 4
+    integration_steps: int = 4
     standstill_speed: Quantity = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
     rock_strength_time: Quantity = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
     strength_process_noise: Quantity = quantity(0.005, "s^-1/2", "wandering of the strength of the rock in a second", above=0)
@@ -113,7 +113,7 @@ class PlannedNonlinear(PredictiveLaw):
         free = string_model(plant).A
         self.target = np.array([np.append(*steady(free, model, *on)) for on in ((1.0, 0.0), (0.0, 1.0))]).T
         self.place = int(np.flatnonzero(model.bit)[0])
-        steps = law.steps
+        steps = law.integration_steps
         if law.width is not None:
             # a Runge-Kutta step of order four is stable up to 2.78 over the steepest slope of the regularised rock
             steepest = 1.3 * self.torques_of_rock[0] / law.width * float(model.E @ model.bit)

@@ -55,7 +55,7 @@ class FlowLine(Component):
     inertance: Quantities = quantity((1e8,), "Pa s2/m3", "inertance L of every segment", above=0)
     compliance: Quantities = quantity((1e-9,), "m3/Pa", "compliance C at the head of every segment", above=0)
     gel: FrictionLaw | None = None
-    gel_load: OptionalQuantities = quantity(None, "Pa", "load of the law `gel` in every segment", at_least=0)
+    gel_pressure: OptionalQuantities = quantity(None, "Pa", "load of the law `gel` in every segment", at_least=0)
 
     @staticmethod
     def pipe(
@@ -112,7 +112,7 @@ class FlowLine(Component):
             inertance=(density * part / area,) * segments,
             compliance=(area * part / bulk_modulus,) * segments,
             gel=gel,
-            gel_load=None if gel is None else (4 * part / diameter,) * segments,
+            gel_pressure=None if gel is None else (4 * part / diameter,) * segments,
         )
 
     def check(self):
@@ -121,7 +121,7 @@ class FlowLine(Component):
             raise SceneError("Argument `line.resistance` must hold at least one segment, but it is empty.")
         for name in ("loss", "inertance", "compliance", "gel_load"):
             entries(f"line.{name}", getattr(self, name), n, " like `line.resistance`")
-        if (self.gel is None) != (self.gel_load is None):
+        if (self.gel is None) != (self.gel_pressure is None):
             raise SceneError("Arguments `line.gel` and `line.gel_load` must be given together, but one is missing.")
 
     def equations(self, signal):
@@ -136,7 +136,7 @@ class FlowLine(Component):
         contacts = []
         if self.gel is not None:
             contacts = [
-                DryFriction(f"line.{i}", q[i], self.gel, load, slip_unit="m3/s", force_unit="Pa") for i, load in enumerate(self.gel_load)
+                DryFriction(f"line.{i}", q[i], self.gel, load, slip_unit="m3/s", force_unit="Pa") for i, load in enumerate(self.gel_pressure)
             ]
             force = ca.vertcat(*[contact.force for contact in contacts])
             drop -= force

@@ -28,12 +28,12 @@ class _Static(FrictionLaw):
 class _Falling(_Static):
     """A law that falls from its static coefficient to a lower one, the field of the name `lowest`."""
 
-    lowest: ClassVar[str] = "kinetic"
+    _lowest: ClassVar[str] = "kinetic"
 
     def check(self):
-        least = getattr(self, self.lowest)
+        least = getattr(self, self._lowest)
         if least > self.static:
-            raise SceneError(f"Argument `{self.lowest}` must be <= the static coefficient {self.static:g}, but it is {least!r}.")
+            raise SceneError(f"Argument `{self._lowest}` must be <= the static coefficient {self.static:g}, but it is {least!r}.")
 
 
 @dataclass(frozen=True)
@@ -195,10 +195,10 @@ class RationalStribeck(_Falling):
     static: Quantity = quantity(0.4, "1", "static coefficient", at_least=0)
     kinetic: Quantity = quantity(0.1, "1", "level to which the hyperbola falls", at_least=0)
     decay: Quantity = quantity(3.0, "s/m", "decay with slip speed (s/rad for rotation)", at_least=0)
-    rise: Quantity = quantity(0.0, "s2/m2", "rise with the square of slip speed (s2/rad2 for rotation)", at_least=0)
+    quadratic_rise: Quantity = quantity(0.0, "s2/m2", "rise with the square of slip speed (s2/rad2 for rotation)", at_least=0)
 
     def sliding(self, speed):
-        return self.kinetic + (self.static - self.kinetic) / (1 + self.decay * speed) + self.rise * speed**2
+        return self.kinetic + (self.static - self.kinetic) / (1 + self.decay * speed) + self.quadratic_rise * speed**2
 
 
 @dataclass(frozen=True)
@@ -284,7 +284,7 @@ class CubicStribeck(_Falling):
 
     static: Quantity = quantity(0.4, "1", "static coefficient", at_least=0)
     minimum: Quantity = quantity(0.25, "1", "smallest kinetic coefficient", at_least=0)
-    lowest: ClassVar[str] = "minimum"
+    _lowest: ClassVar[str] = "minimum"
     minimum_speed: Quantity = quantity(0.5, "m/s", "slip speed v_m of the minimum", above=0)
 
     def sliding(self, speed):

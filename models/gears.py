@@ -284,7 +284,7 @@ class GearNetwork(Component):
     shafts: tuple[tuple[str, ...], ...] = ()
     stiffness: OptionalQuantities = quantity(None, "N m/rad", "stiffness of every shaft", above=0)
     damping: OptionalQuantities = quantity(None, "N m s/rad", "damping of every shaft", at_least=0)
-    driven: str | None = None
+    input_node: str | None = None
 
     def check(self):
         for field in ("nodes", "trains", "shafts"):
@@ -297,8 +297,8 @@ class GearNetwork(Component):
             raise SceneError("Argument `gears.nodes` must hold at least one inertia, but it is empty.")
         if not self.trains:
             raise SceneError("Argument `gears.trains` must hold at least one train, but it is empty.")
-        if self.driven is not None and self.driven not in self.nodes:
-            raise SceneError(f"Argument `gears.driven` must be one of {', '.join(self.nodes)}, but it is {self.driven!r}.")
+        if self.input_node is not None and self.input_node not in self.nodes:
+            raise SceneError(f"Argument `gears.driven` must be one of {', '.join(self.nodes)}, but it is {self.input_node!r}.")
         self._check_sizes()
         for train, ratio in zip(self.trains, self.ratio, strict=True):
             _check_train(train, ratio)
@@ -331,7 +331,7 @@ class GearNetwork(Component):
     @property
     def redirected_signals(self) -> Mapping[str, str]:
         """Signals that the network redirects: controllers of a top drive are connected to the node `driven`."""
-        return {} if self.driven is None else {"top.torque": f"{self.driven}.torque", "top.speed": f"{self.driven}.speed"}
+        return {} if self.input_node is None else {"top.torque": f"{self.input_node}.torque", "top.speed": f"{self.input_node}.speed"}
 
     def steady(self, speeds: Mapping[str, float], torques: Mapping[str, float] | None = None) -> SteadyGears:
         """Compute the steady state of the network with rigid shafts and teeth, without idle torques.

@@ -86,8 +86,8 @@ class HystereticBitRock(Component):
     radius: Quantity = quantity(
         0.155575, "m", "radius of the bit", above=0, typical_range=(0.01, 1.0), source="Navarro-Lopez and Cortes (2007)"
     )
-    beta0: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
-    beta1: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
+    hysteresis_fraction: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
+    hysteresis_steepness: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
     friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)
 
     def check(self):
@@ -102,14 +102,14 @@ class HystereticBitRock(Component):
         weight = signal("bit.weight", "N", default=self.weight)
         bit = DryFriction("bit", speed, self.friction, weight * self.radius, slip_unit="rad/s", force_unit="N m")
         base = bit.kinetic
-        width = self.beta0 * base
-        if self.beta1 is None:
-            bit.static *= 1 + self.beta0
+        width = self.hysteresis_fraction * base
+        if self.hysteresis_steepness is None:
+            bit.static *= 1 + self.hysteresis_fraction
             # one piece for each direction, so that no argument of a kink jumps when the mode does
             forward, backward = (resisting(sign * load, base, width, None, inertia) for sign in (1, -1))
             torque = bit.mode * ((bit.mode + 1) * forward + (bit.mode - 1) * backward) / 2
         else:
-            torque = resisting(bit.mode * load, base, width, self.beta1, inertia)
+            torque = resisting(bit.mode * load, base, width, self.hysteresis_steepness, inertia)
         bit.load, bit.sliding = ca.SX(1), torque
         return Equations(outputs={"bit.torque": (-bit.force, "N m")}, elements=[bit])
 
@@ -136,13 +136,13 @@ class SmoothHystereticBitRock(SmoothBitRock):
     HybridSystem(TorsionalChain, SmoothHystereticBitRock): 3 states (chain.twist, chain.speed); contacts: none; inputs: top.torque [N m], bit.weight [N]
     """
 
-    beta0: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
-    beta1: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
+    hysteresis_fraction: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
+    hysteresis_steepness: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
 
     def equations(self, signal):
         speed, inertia = signal("bit.speed", "rad/s"), signal("bit.inertia", "kg m2")
         load = inertia * signal("bit.free_acceleration", "rad/s2")
         weight = signal("bit.weight", "N", default=self.weight)
         torque = smooth_torque(self, weight, speed)
-        width = self.beta0 * ca.fabs(torque)
-        return Equations(outputs={"bit.torque": (resisting(load, torque, width, self.beta1, inertia), "N m")})
+        width = self.hysteresis_fraction * ca.fabs(torque)
+        return Equations(outputs={"bit.torque": (resisting(load, torque, width, self.hysteresis_steepness, inertia), "N m")})

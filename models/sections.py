@@ -67,7 +67,7 @@ class ToolJoint:
             number(smaller, getattr(self, smaller), "m", above=0, below=number(larger, getattr(self, larger), "m", above=0))
 
     @property
-    def part(self) -> float:
+    def length_fraction(self) -> float:
         """Fraction of the string length that consists of tool joints [1]."""
         return self.length / self.every
 
@@ -118,7 +118,7 @@ class Section:
     inner: NumberOrText
     density: NumberOrText = MATERIALS["steel"].density
     shear_modulus: NumberOrText = MATERIALS["steel"].shear_modulus
-    mass: NumberOrText | None = None
+    mass_per_length: NumberOrText | None = None
     tool_joint: ToolJoint | None = None
 
     def __post_init__(self) -> None:
@@ -134,7 +134,7 @@ class Section:
         """Cross-sectional area of the metal [m2], the mean along the section."""
         pipe = math.pi * (self.outer**2 - self.inner**2) / 4
         joint = self.tool_joint
-        return pipe if joint is None else (1 - joint.part) * pipe + joint.part * math.pi * (joint.outer**2 - joint.inner**2) / 4
+        return pipe if joint is None else (1 - joint.length_fraction) * pipe + joint.length_fraction * math.pi * (joint.outer**2 - joint.inner**2) / 4
 
     @property
     def polar_moment(self) -> float:
@@ -142,28 +142,28 @@ class Section:
         return _polar_moment(self)
 
     @property
-    def inertia(self) -> float:
+    def inertia_per_length(self) -> float:
         """Rotational inertia per length, rho J [kg m]."""
         joint, inertia = self.tool_joint, self.density * self.polar_moment
         if joint is not None:
-            inertia = (1 - joint.part) * inertia + joint.part * self.density * _polar_moment(joint)
-        return inertia if self.mass is None else inertia * self.mass / (self.density * self.area)
+            inertia = (1 - joint.length_fraction) * inertia + joint.length_fraction * self.density * _polar_moment(joint)
+        return inertia if self.mass_per_length is None else inertia * self.mass_per_length / (self.density * self.area)
 
     @property
-    def rigidity(self) -> float:
+    def torsional_rigidity(self) -> float:
         """Torsional rigidity G J [N m2]."""
         joint, pipe = self.tool_joint, self.shear_modulus * self.polar_moment
-        return pipe if joint is None else 1 / ((1 - joint.part) / pipe + joint.part / (self.shear_modulus * _polar_moment(joint)))
+        return pipe if joint is None else 1 / ((1 - joint.length_fraction) / pipe + joint.length_fraction / (self.shear_modulus * _polar_moment(joint)))
 
     @property
     def wave_speed(self) -> float:
         """Speed of torsional waves, c [m/s]."""
-        return math.sqrt(self.rigidity / self.inertia)
+        return math.sqrt(self.torsional_rigidity / self.inertia_per_length)
 
     @property
     def impedance(self) -> float:
         """Torsional wave impedance zeta, torque divided by speed of rotation [N m s/rad]."""
-        return math.sqrt(self.rigidity * self.inertia)
+        return math.sqrt(self.torsional_rigidity * self.inertia_per_length)
 
     @property
     def contact_radius(self) -> float:
@@ -172,7 +172,7 @@ class Section:
 
     def weight(self, mud_density: float = 0.0) -> float:
         """Return the weight per length in mud of this density, inside and outside: (rho - rho_mud) g A [N/m], g = 9.80665 m/s2."""
-        metal = self.area if self.mass is None else self.mass / self.density
+        metal = self.area if self.mass_per_length is None else self.mass_per_length / self.density
         return (self.density - mud_density) * 9.80665 * metal
 
 

@@ -60,7 +60,7 @@ class ElasticSlider(Component):
         self.body.index(self.support_port)
 
     def equations(self, signal):
-        body = self.body.moved
+        body = self.body.controllable_body
         n, contacts, held = body.size, body.indices("contact"), body.index(self.support_port)
         shift = np.eye(n)  # q = shift z
         shift[[contact for contact in contacts if contact != held], held] = 1.0

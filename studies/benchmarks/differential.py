@@ -102,7 +102,7 @@ def judged(plant: HybridSystem, one: Trial, right: np.ndarray, times: np.ndarray
     if error > max(how["accuracy"], 1e-8):
         began = clock.perf_counter()
         try:
-            said = run.error
+            said = run.error_estimate
         except SimulationError as failed:
             return found | {"end": "hanging", "words": f"run.error: {failed}"}
         if clock.perf_counter() - began > BUDGET.seconds:

@@ -19,8 +19,8 @@ from toolbox.calibration import Recording
 
 INERTIA, LEVEL, VISCOUS, OFFSET = 0.02, 0.3, 0.05, 0.05
 TIME = np.arange(0.0, 3.0, 0.01)
-TRUE = Joint(inertia=INERTIA, offset=OFFSET, friction=Viscous(Coulomb(LEVEL, LEVEL), VISCOUS))
-TRUTH = {"joint.inertia": INERTIA, "joint.offset": OFFSET, "bearing.friction.dry.static": LEVEL, "bearing.friction.viscous": VISCOUS}
+TRUE = Joint(inertia=INERTIA, torque_offset=OFFSET, friction=Viscous(Coulomb(LEVEL, LEVEL), VISCOUS))
+TRUTH = {"joint.inertia": INERTIA, "joint.torque_offset": OFFSET, "bearing.friction.dry.static": LEVEL, "bearing.friction.viscous": VISCOUS}
 TWO = {
     "joint.inertia": INERTIA, "bearing.friction.forward.dry.static": 0.3, "bearing.friction.backward.dry.static": 0.45,
     "bearing.friction.forward.viscous": 0.05, "bearing.friction.backward.viscous": 0.07,

@@ -90,7 +90,7 @@ def cases() -> dict[str, tuple[Any, Mapping[str, float]]]:
     found: dict[str, tuple[Any, Mapping[str, float]]] = {
         "EMPS": (
             identify(emps()),
-            {"axis.mass": MASS, f"{rail}viscous": VISCOUS, f"{rail}dry.static": LEVEL, "axis.offset": OFFSET},
+            {"axis.mass": MASS, f"{rail}viscous": VISCOUS, f"{rail}dry.static": LEVEL, "axis.force_offset": OFFSET},
         )
     }
     for label, (inertia, viscous, ahead, back) in PUMA.items():

@@ -129,7 +129,7 @@ def growth(well: Well, value: float) -> float:
 
 def row(well: Well) -> tuple[str, bool]:
     """The line of a well, and whether the measures agree."""
-    found, took = timed(lambda: onset(well.loop.at("top.reference", 8.0), "top.reference", RANGE, values=9), clock=perf_counter)
+    found, took = timed(lambda: onset(well.loop.at("top.reference", 8.0), "top.reference", RANGE, num_values=9), clock=perf_counter)
     text, agree = f"{well.label:<40}{took:>7.1f} s", True
     if found.losses:
         loss = found.loss

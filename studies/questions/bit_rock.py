@@ -30,10 +30,10 @@ from toolbox.simulation.trajectory import Trajectory
 MASS, WEIGHT = 34_000.0, 40_000.0
 BIT = DragBit(flat_length=3e-3, nodes=20)
 STRING = AxialChain(mass=(MASS,), stiffness=(), damping=(), hook_load=MASS * 9.81 - WEIGHT)
-WEIGHT_PER_CUT = BIT.inclination * BIT.specific_energy * BIT.radius  # [N/m]
+WEIGHT_PER_CUT = BIT.cutter_inclination * BIT.specific_energy * BIT.radius  # [N/m]
 FLATS = BIT.flat_length * BIT.radius * BIT.flat_stress  # [N]
 DEPTH = (WEIGHT - FLATS) / WEIGHT_PER_CUT
-STEADY = BIT.specific_energy * BIT.radius**2 * DEPTH / 2 + BIT.friction * BIT.geometry * BIT.radius / 2 * FLATS
+STEADY = BIT.specific_energy * BIT.radius**2 * DEPTH / 2 + BIT.friction * BIT.bit_geometry_number * BIT.radius / 2 * FLATS
 CRITICAL = 2 / BIT.blades * math.sqrt(2 * BIT.blades * WEIGHT_PER_CUT / MASS)
 """Speed above which steady cutting is stable [rad/s]."""
 
@@ -72,8 +72,8 @@ def loops() -> dict[str, Trajectory]:
     """The four-inertia rig under a stiff drive at 45 rpm, on each rock."""
     rocks = {
         "set-valued": BitRock(),
-        "rate form": HystereticBitRock(beta0=0.1, beta1=0.2),
-        "switched form": HystereticBitRock(beta0=0.1),
+        "rate form": HystereticBitRock(hysteresis_fraction=0.1, hysteresis_steepness=0.2),
+        "switched form": HystereticBitRock(hysteresis_fraction=0.1),
     }
     return {
         name: simulate(compose(wells.NAVARRO_LOPEZ_4, rock), 130.0, controller=StiffPI(reference=1.5 * math.pi))

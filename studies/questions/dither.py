@@ -110,7 +110,7 @@ def map_of(label: str) -> DitherMap:
     """The dither map of a rig."""
     rig = next(rig for rig in RIGS if rig.label == label)
     return dither_map(
-        rig.plant, rig.load, rig.mean, rig.natural, contact=rig.contact, signal=rig.position, ratios=RATIOS, depths=DEPTHS, offset=rig.offset, **rig.run
+        rig.plant, rig.load, rig.mean, rig.natural, contact=rig.contact, signal=rig.position, ratios=RATIOS, depths=DEPTHS, other_load=rig.offset, **rig.run
     )  # fmt: skip
 
 

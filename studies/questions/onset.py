@@ -74,7 +74,7 @@ DRIVES = (
 @cache
 def borders(drive: Drive) -> Onset:
     """Both borders by simulation, and the Hopf point of the continuous form."""
-    return onset(drive.at(WORKING), "top.reference", RANGE, values=9)
+    return onset(drive.at(WORKING), "top.reference", RANGE, num_values=9)
 
 
 @cache

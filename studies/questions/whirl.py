@@ -225,7 +225,7 @@ def cost_of_a_stiff_wall() -> str:
     lines = [f"{'wall':<22}{'impacts':>8}{'steps':>8}{'steps/impact':>14}{'in contact':>12}{'time per step':>15}"]
     start = {"chain.speed": (24.0, 24.0)}
     for stiffness in (1e7, 1e8, 1e9, 1e10, 1e11):
-        for damping in (1e3, 0.2 * math.sqrt(stiffness * WhirlingCollar().mass)):
+        for damping in (1e3, 0.2 * math.sqrt(stiffness * WhirlingCollar().modal_mass)):
             collar = WhirlingCollar(weight=1e5, wall_stiffness=stiffness, wall_damping=damping)
             lines.append(_cost(f"{stiffness:.0e} N/m, {damping:.0e}", simulate(compose(flywheel, collar), 2.0, start=start)))
     for restitution in (0.9, 0.5):

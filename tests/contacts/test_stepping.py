@@ -460,7 +460,7 @@ def test_a_body_whose_stiffness_has_the_wrong_sign_is_refused_and_one_that_is_sl
 
 
 def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
-    body = ElasticBody(np.eye(3), 1e4 * np.eye(3), entries=[[0, 1, 2]])
+    body = ElasticBody(np.eye(3), 1e4 * np.eye(3), dof_map=[[0, 1, 2]])
     reduced = body.reduced({"x.0": body.point(0, "x"), "y.0": body.point(0, "y"), "z.0": body.point(0, "z")})
     problem = reduced.mounted({"x.0": (5.0, 2.0)}).in_contact(Coulomb(0.3, 0.3), ("x", "y"), "z", pushed=("z.0",))
     assert problem.stiffness[0, 0] == pytest.approx(1e4 + 5.0)

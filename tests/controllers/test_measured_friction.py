@@ -76,7 +76,7 @@ def test_of_any_other_law_the_border_is_never_above_the_true_one_and_near_it(fri
 
 def test_an_exponential_law_has_its_border_in_one_piece():
     found = groan_border(brake(Exponential(0.45, 0.35, 5.0)))
-    assert (found.speeds, found.forces[0], found.growth) == ((0.0,), pytest.approx(200.0), pytest.approx(0.6))
+    assert (found.speeds, found.forces[0], found.growth_rate) == ((0.0,), pytest.approx(200.0), pytest.approx(0.6))
     assert found.at(2.0) == pytest.approx(200.0 * math.exp(1.2))
     assert "exp(0.6 s/rad" in str(found)
 

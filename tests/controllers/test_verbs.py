@@ -214,13 +214,13 @@ def test_worst_case_answers_from_smooth_running_in_which_the_declared_machine_st
 @pytest.mark.parametrize("name", [name for name in LAWS if "onset" in LAWS[name].refuses])
 def test_onset_refuses_what_has_none(name):
     parameter, between = ("pad.friction.kinetic", (0.2, 0.35)) if LAWS[name].brake else ("top.reference", (3.0, 9.0))
-    assert refused(name, "onset", lambda loop: onset(loop, parameter, between, values=3))
+    assert refused(name, "onset", lambda loop: onset(loop, parameter, between, num_values=3))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in LAWS if "onset" not in LAWS[name].refuses])
 def test_onset_answers_with_a_loss_or_says_how_far_smooth_running_holds(name):
-    found = onset(LAWS[name].loop, "top.reference", (3.0, 9.0), values=3, tolerance=0.1, duration=150.0)
+    found = onset(LAWS[name].loop, "top.reference", (3.0, 9.0), num_values=3, tolerance=0.1, duration=150.0)
     assert len(found.smooth) == 4 and found.parameter == "top.reference"
     assert all(3.0 <= border.value <= 9.0 for border in found.losses)
     assert found.smooth[-1].regime != "" and found.at == 8.0

@@ -22,7 +22,7 @@ JOINT = ToolJoint("6.625 in", "3.25 in", "21 in", every="31.7 ft")
 
 
 def sections(depth):
-    pipe = Section(depth - 200.0, "5 in", inner_diameter("5 in", "19.5 ppf"), mass="23.5 ppf", tool_joint=JOINT)
+    pipe = Section(depth - 200.0, "5 in", inner_diameter("5 in", "19.5 ppf"), mass_per_length="23.5 ppf", tool_joint=JOINT)
     return [pipe, Section(200.0, "6.75 in", "2.8125 in")]
 
 

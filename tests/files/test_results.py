@@ -77,7 +77,7 @@ BELT = compose(BlockOnBelt())
 
 
 def of_onset():
-    return onset(closed_loop(RIG, PI(4_000.0, 1_500.0)), "top.reference", ("30 rpm", "130 rpm"), values=3)
+    return onset(closed_loop(RIG, PI(4_000.0, 1_500.0)), "top.reference", ("30 rpm", "130 rpm"), num_values=3)
 
 
 def of_comparison():

@@ -85,7 +85,7 @@ def test_an_onset_answers_in_rpm():
         ("60 rpm", "140 rpm"),
         duration="40 s",
         tolerance="5 rpm",
-        values=3,
+        num_values=3,
     )
     text, picture = str(found), found.plot()  # it was asked in rpm, and nothing else was chosen
     with units("metric"):

@@ -154,7 +154,7 @@ def test_worst_case_takes_it_as_an_error(number):
 
 @each_number
 def test_hopf_points_over_it(number):
-    found = answered(number, "hopf_points", lambda: hopf_points(number.loop, number.name, number.values, values=2))
+    found = answered(number, "hopf_points", lambda: hopf_points(number.loop, number.name, number.values, num_values=2))
     assert found is None or all(number.values[0] <= point.value <= number.values[1] for point in found)
 
 
@@ -163,7 +163,7 @@ def test_hopf_points_over_it(number):
 def test_what_onset_and_severity_map_cannot_vary_they_say(number, verb):
     def question():
         if verb == "onset":
-            return onset(number.loop, number.name, number.values, values=3)
+            return onset(number.loop, number.name, number.values, num_values=3)
         return severity_map(number.loop, {number.name: number.values, "bit.friction.static": (0.7, 0.8)}, shape=(2, 2))
 
     assert answered(number, verb, question) is None
@@ -172,7 +172,7 @@ def test_what_onset_and_severity_map_cannot_vary_they_say(number, verb):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [each for each in NUMBERS if "onset" not in each.refuses], ids=lambda number: number.name)
 def test_onset_and_severity_map_vary_all_others(number):
-    assert onset(number.loop, number.name, number.values, values=3).parameter == number.name
+    assert onset(number.loop, number.name, number.values, num_values=3).parameter == number.name
     found = severity_map(number.loop, {number.name: number.values, "bit.friction.static": (0.7, 0.8)}, shape=(2, 2))
     assert number.name in str(found)
 

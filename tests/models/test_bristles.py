@@ -121,7 +121,7 @@ def test_a_block_on_a_belt_takes_a_guide_whose_friction_is_a_stiff_bristle():
 def test_asperities_bend_with_the_way_alone():
     # z = z_m (1 - exp(-d / z_m)) at any speed
     for speed in (0.1, 3.0):
-        run = dragged(Dankowicz(reach=0.02, steady=STRIBECK), speed, 0.1 / speed)
+        run = dragged(Dankowicz(presliding_displacement=0.02, steady=STRIBECK), speed, 0.1 / speed)
         way = np.linspace(0, 0.1, 50)
         np.testing.assert_allclose(run.at(way / speed * (1 - 1e-12))["guide.deflection"], 0.02 * -np.expm1(-way / 0.02), atol=1e-11)
 
@@ -131,7 +131,7 @@ def test_asperities_bend_with_the_way_alone():
     [
         (Dahl(stiffness=100.0), 200.0, 0.0),
         (LuGre(stiffness=100.0, damping=1.5, viscous=0.25), 200.0, 3.5),
-        (Dankowicz(reach=0.01), 200.0, 0.0),
+        (Dankowicz(presliding_displacement=0.01), 200.0, 0.0),
     ],
     ids=["Dahl", "LuGre", "Dankowicz"],
 )

@@ -35,7 +35,7 @@ LAWS = [
     CubicStribeck(static=0.4, minimum=0.25, minimum_speed=0.5),
     Transition(static=0.3, kinetic=0.195, transition_speed=1.5),
     GaussianStribeck(static=1.5, kinetic=1.0, stribeck_speed=0.1),
-    RationalStribeck(static=0.4, kinetic=0.1, decay=3.0, rise=0.2),
+    RationalStribeck(static=0.4, kinetic=0.1, decay=3.0, quadratic_rise=0.2),
     Tabulated(speeds=(0.0, 0.1, 0.5), coefficients=(0.4, 0.3, 0.2), static=0.4),
 ]
 each_law = pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
@@ -112,7 +112,7 @@ def test_under_gaussian_friction_sliding_is_unstable_between_two_hopf_speeds():
 def test_rational_friction_holds_the_laws_of_leine_and_of_galvanetto_and_bishop():
     for v in (0.0, 0.2, 1.0, 5.0):
         assert coefficient(RationalStribeck(static=1.0, kinetic=0.0, decay=3.0), v) == coefficient(Hyperbolic(static=1.0, decay=3.0), v)
-        law = RationalStribeck(static=1.0, kinetic=0.3, decay=3.0, rise=1e-3)
+        law = RationalStribeck(static=1.0, kinetic=0.3, decay=3.0, quadratic_rise=1e-3)
         assert coefficient(law, v) == pytest.approx((1 - 0.3) / (1 + 3.0 * v) + 0.3 + 1e-3 * v * v, rel=1e-15)
     leine = simulate(compose(oscillators.LEINE), 40.0)
     same = simulate(compose(BlockOnBelt(friction=RationalStribeck(static=1.0, kinetic=0.0, decay=3.0))), 40.0)

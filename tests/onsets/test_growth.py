@@ -122,7 +122,7 @@ def growth_by_hand(law, speed):
 def test_the_border_of_a_sampled_pi_is_that_of_its_transition_matrices_and_its_tolerance_holds_the_distance(period, delay):
     law = Sampled(PI().design(RIG), period, delay=delay)
     right = brentq(lambda speed: growth_by_hand(law, speed), 2.0, 6.5, xtol=1e-14)
-    [border] = onset(closed_loop(RIG, law, inputs={"top.reference": 6.0}), "top.reference", (3.0, 8.0), values=3, duration=60.0).losses
+    [border] = onset(closed_loop(RIG, law, inputs={"top.reference": 6.0}), "top.reference", (3.0, 8.0), num_values=3, duration=60.0).losses
     assert border.followed == "matrices"
     assert abs(border.value - right) <= border.tolerance <= 1e-8
     [by_python] = search_losses(Sampled(PythonPI(law.law, period), period, delay=delay), border.value - 0.3, border.value + 0.3)

@@ -92,7 +92,7 @@ def test_a_rigid_bounce_keeps_restitution_times_the_speed_and_comes_to_rest_in_f
     assert run.at(2.0)["ball.speed"] == 0.0
     assert run.at(2.0)["floor.force"] == pytest.approx(20.0, rel=1e-12)
     assert run["ball.height"].min() > -1e-12
-    assert run.error < 1e-5
+    assert run.error_estimate < 1e-5
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.9, 1.0])
@@ -362,7 +362,7 @@ def test_an_elastic_tip_that_lets_go_where_it_hardly_presses_takes_no_steps_belo
     method = EventExact(budget=Budget(steps=5000))
     run = simulate(compose(Rod(friction=0.3, stiffness=stiffness)), 0.3, start=start, method=method)
     assert sum(run.steps) < 3000 and run.time_in("rub", "slip+") > 0.0
-    assert run.error < 1e-6
+    assert run.error_estimate < 1e-6
 
 
 def test_a_thrown_disc_ends_rolling_without_slip():

@@ -72,7 +72,7 @@ def run(given: argparse.Namespace) -> int:
             [*given.data],
             kind(**values),
             columns=dict(pairs("--column", "SIGNAL=HEADING", given.column)) or None,
-            known=[f"{kind.prefix}.{name}" for name in values],
+            known=[f"{kind.signal_prefix}.{name}" for name in values],
             shifts=given.shift,
             directions=given.directions,
             held=held_of(given),

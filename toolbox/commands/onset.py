@@ -95,7 +95,7 @@ def run(given: argparse.Namespace) -> int:
                     continue
                 try:
                     loop = loops[label] if at is None else loops[label].at(parameter, at)
-                    onsets[label] = onset(loop, parameter, (low, high), values=given.values, tolerance=tolerance)
+                    onsets[label] = onset(loop, parameter, (low, high), num_values=given.values, tolerance=tolerance)
                 except (SceneError, SimulationError) as error:
                     failures[label] = error
         check_some(failures, labels)

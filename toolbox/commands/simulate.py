@@ -73,7 +73,7 @@ def run(given: argparse.Namespace) -> int:
                 given.failures[label] = str(failure)
             else:
                 try:
-                    found.error  # noqa: B018  measured here, so that the report has it
+                    found.error_estimate  # noqa: B018  measured here, so that the report has it
                 except SimulationError as failure:  # the run to compare with may fail alone
                     complaint = f"its error could not be measured: {failure}"
             given.found["runs"][label] = {"failed": complaint} if found is None else {"failed": complaint, **_numbers(found)}

@@ -282,7 +282,7 @@ class _Question:
 
     def _own_end(self, low: float, high: float) -> float:
         """The set-point at which the loop's own stick-slip ends; nan if it has none in the range, inf if it lasts to its end."""
-        borders = onset(self.loop, self.knob, (low, high), values=9)
+        borders = onset(self.loop, self.knob, (low, high), num_values=9)
         return math.inf if borders.cycling[-1] else max((border.value for border in borders.ends), default=math.nan)
 
     def _lowest(self, start: str, low: float, high: float, step: float) -> float:

@@ -363,7 +363,7 @@ def _border(loop: ClosedLoop) -> tuple[FloatArray | None, str]:
     for part in HARDER.tolist():
         try:
             weight = loop.number("bit.weight").value
-            found = hopf_points(loop.at("bit.weight", part * weight), "top.reference", (0.2, 40.0), values=25)
+            found = hopf_points(loop.at("bit.weight", part * weight), "top.reference", (0.2, 40.0), num_values=25)
         except SceneError as error:
             return None, str(error).rstrip(".")
         borders.append(max((point.value for point in found), default=0.0))

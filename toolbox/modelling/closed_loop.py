@@ -147,7 +147,7 @@ class ClosedLoop(Printed):
     def system(self) -> HybridSystem:
         """The plant with its laws as parts, as they run: sampled ones with memory and held signals, and the smooth friction of a plant that is smooth."""
         system, plant = self.assembly.system, self.assembly.plant
-        return smoothed(system, plant.widths, matched=plant.matched) if isinstance(plant, SmoothSystem) else system
+        return smoothed(system, plant.widths, match_static_peak=plant.match_static_peak) if isinstance(plant, SmoothSystem) else system
 
     @cached_property
     def continuous_loop(self) -> ClosedLoop:
@@ -324,7 +324,7 @@ class ClosedLoop(Printed):
     @cached_property
     def _key(self) -> tuple[Any, ...]:
         plant = self.plant.sharp if isinstance(self.plant, SmoothSystem) else self.plant
-        smooth = (tuple(self.plant.widths.items()), self.plant.matched) if isinstance(self.plant, SmoothSystem) else None
+        smooth = (tuple(self.plant.widths.items()), self.plant.match_static_peak) if isinstance(self.plant, SmoothSystem) else None
         inputs = tuple(sorted((name, _plain(value)) for name, value in self.input_values.items()))
         numbers = tuple(tuple(sorted((name, _plain(value)) for name, value in given.items())) for given in (self.parameters, self.start))
         named = tuple(getattr(self, each.name) for each in dataclasses.fields(self)[5:])  # what a scene says

@@ -57,7 +57,7 @@ def onset(
     *,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
-    values: int = 13,
+    num_values: int = 13,
     tolerance: NumberOrText | None = None,
     duration: NumberOrText | None = None,
     perturbation: float = 1e-3,
@@ -132,13 +132,13 @@ def onset(
         free = continuous.differentiable_number(parameter, "onset")
     low, high = free.span(bounds)
     asked_unit = asked_in(tuple(free.in_si("bounds", tuple(bounds))), free.unit)
-    whole("values", values, 3)
+    whole("values", num_values, 3)
     tolerance = (high - low) / 5000 if tolerance is None else number("tolerance", tolerance, free.unit, above=0)
     longest = None if duration is None else number("duration", duration, "s", above=0)
     perturbation, at = number("perturbation", perturbation, above=0), free.value
     contact = judged_contact(loop)
     speed = judged_speed(loop, contact)
-    grid = np.linspace(low, high, values)
+    grid = np.linspace(low, high, num_values)
     if low < at < high and not np.isclose(grid, at, rtol=0, atol=1e-9 * (high - low)).any():
         grid = np.sort(np.append(grid, at))
     base = Request(loop.at(parameter, low) if free.is_input else loop, 0.0, accuracy=accuracy_of(loop, accuracy)).checked()

@@ -310,7 +310,7 @@ def _smooth(loop: ClosedLoop, name: str, between: tuple[float, float], names: tu
         bar.update(1)
         each = put_all(loop, dict(zip(names, row.tolist(), strict=True)))
         try:
-            at = [point.value for point in hopf_points(each, name, between, values=9)]
+            at = [point.value for point in hopf_points(each, name, between, num_values=9)]
         except (SceneError, SimulationError):
             continue
         found[k] = max(at, default=math.nan)

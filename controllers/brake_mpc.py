@@ -176,7 +176,7 @@ class PlannedStop(Stateful):
             H[N, N], g[N] = law.violation_cost, law.violation_cost
             around = np.maximum(np.append(self.speeds[1:], self.speeds[-1]) if self.planned else wish[1:], 0.0)
             border = law.margin * law.border_at(around) / UNIT
-            growth = law.growth if law.border_forces is None else 0.0
+            growth = law.border_growth if law.border_forces is None else 0.0
             self.rows[N:, :N] = self.forced - (growth * border)[:, None] * S
             self.rows[N:, N] = -1.0
             below = np.append(below, np.full(N, -np.inf))

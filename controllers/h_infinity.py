@@ -71,7 +71,7 @@ class HInfinity(TorqueLimits):
     controller_matrices: OptionalQuantities = quantity(
         None,
         "1",
-        "A of K where `matrix_indices` says (everywhere if it is empty), B, C, and its drive column, row by row; filled in by design",
+        "A of K where `nonzero_indices` says (everywhere if it is empty), B, C, and its drive column, row by row; filled in by design",
     )
     operating_torque: OptionalQuantity = quantity(None, "N m", "u_0; filled in by design")
     initial_state_map: OptionalQuantities = quantity(None, "1", "states of K at rest per torque beyond u_0, then K(0); filled in by design")

@@ -147,6 +147,8 @@ class Dankowicz(Bristle):
 
     def evolution(self, slip, speed, load, memory):
         z = memory["deflection"]
-        return self.steady.sliding(speed) * z / self.presliding_displacement, {"deflection": slip - speed * z / self.presliding_displacement}
+        return self.steady.sliding(speed) * z / self.presliding_displacement, {
+            "deflection": slip - speed * z / self.presliding_displacement
+        }
 
     energies = FrictionLaw.energies

@@ -27,7 +27,7 @@ class DiscBrake(Component):
     - `lag`: a first-order lag between the command and N. `BrakeActuator` is an actuator with limits.
     - `wheel_radius` R: the speed of the car, R w, replaces the speed of the disc as a state. A stop then begins with
       `start={"disc.car_speed": "30 km/h"}`.
-    - `other_friction`: a separate friction law for the second pad, so that each pad carries the load N. Both pads are
+    - `second_pad_friction`: a separate friction law for the second pad, so that each pad carries the load N. Both pads are
       on one caliper.
     - `heat_capacity` C: the temperature h of the disc above the surroundings, C h' = F (r w - v) - cooling h. All
       friction is multiplied by max(1 - fade h, 0).

@@ -53,7 +53,7 @@ class DragBit(Component):
     Contacts:
 
     - `bit.axial`: the wear flats carry the weight W_f = l a sigma while the bit moves down, nothing while it moves up,
-      and any value between at rest. Below a depth of cut of `engagement` the wear flats carry a proportional part, so
+      and any value between at rest. Below a depth of cut of `engagement_depth` the wear flats carry a proportional part, so
       that the force does not jump at touchdown.
     - `bit`: both parts of the torque resist forward rotation. Only the wear flats resist backward rotation. At rest the
       bit holds any torque between these bounds.
@@ -64,7 +64,7 @@ class DragBit(Component):
     - Gives `bit.torque` T [N m], `bit.weight` W [N] and `bit.cut_depth` d [m], which is negative off bottom.
     - States: `bit.profile` q (nodes) [m].
 
-    With `prescribed` the speed of rotation is the input `bit.speed` (default 10 rad/s), which must not be negative.
+    With `has_prescribed_speed` the speed of rotation is the input `bit.speed` (default 10 rad/s), which must not be negative.
     There is then no contact `bit`.
 
     `nodes`: use eight nodes per axial oscillation between two blades. With too few nodes the bit may lift off for
@@ -72,7 +72,7 @@ class DragBit(Component):
 
     Source: T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007).
 
-    Assumptions: all numbers have the size of the numbers in the source. `engagement` and equal blades are assumptions.
+    Assumptions: all numbers have the size of the numbers in the source. `engagement_depth` and equal blades are assumptions.
     Backward rotation is not part of the source: here the rock ahead waits until the blades move forward again, and rock
     is not cut twice.
 

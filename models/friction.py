@@ -26,7 +26,7 @@ class _Static(FrictionLaw):
 
 
 class _Falling(_Static):
-    """A law that falls from its static coefficient to a lower one, the field of the name `lowest`."""
+    """A law that falls from its static coefficient to a lower one, the field that `_lowest` names."""
 
     _lowest: ClassVar[str] = "kinetic"
 

@@ -57,7 +57,7 @@ class HystereticBitRock(Component):
         rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   T0 = W R_b mu(|w|) sgn w,   J w' = M - T
         switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down, any value between at w' = 0
 
-    The rate form is used if `beta1` is given, otherwise the switched form. M is the torque of the string on the bit and
+    The rate form is used if `hysteresis_steepness` is given, otherwise the switched form. M is the torque of the string on the bit and
     J the inertia of the bit.
 
     - Needs the signals `bit.speed` w [rad/s], `bit.free_acceleration` M/J [rad/s2], `bit.inertia` J [kg m2] and
@@ -86,8 +86,12 @@ class HystereticBitRock(Component):
     radius: Quantity = quantity(
         0.155575, "m", "radius of the bit", above=0, typical_range=(0.01, 1.0), source="Navarro-Lopez and Cortes (2007)"
     )
-    hysteresis_fraction: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
-    hysteresis_steepness: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
+    hysteresis_fraction: Quantity = quantity(
+        0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1
+    )
+    hysteresis_steepness: OptionalQuantity = quantity(
+        None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0
+    )
     friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)
 
     def check(self):
@@ -121,7 +125,7 @@ class SmoothHystereticBitRock(SmoothBitRock):
         rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   J w' = M - T
         switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down, any value between at w' = 0
 
-    The rate form is used if `beta1` is given, otherwise the switched form. The signals are the same as for
+    The rate form is used if `hysteresis_steepness` is given, otherwise the switched form. The signals are the same as for
     `HystereticBitRock`. There is no contact, so the bit never sticks.
 
     beta0 and beta1 are assumed. Range of validity: as for `SmoothBitRock`, with beta0 <= 1.
@@ -136,8 +140,12 @@ class SmoothHystereticBitRock(SmoothBitRock):
     HybridSystem(TorsionalChain, SmoothHystereticBitRock): 3 states (chain.twist, chain.speed); contacts: none; inputs: top.torque [N m], bit.weight [N]
     """
 
-    hysteresis_fraction: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
-    hysteresis_steepness: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
+    hysteresis_fraction: Quantity = quantity(
+        0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1
+    )
+    hysteresis_steepness: OptionalQuantity = quantity(
+        None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0
+    )
 
     def equations(self, signal):
         speed, inertia = signal("bit.speed", "rad/s"), signal("bit.inertia", "kg m2")

@@ -168,7 +168,11 @@ class WhirlingCollar(Component):
             The speed of rotation w [rad/s].
         """
         mu = float(self.friction.breakaway()) if friction is None else friction
-        held = mu * self.modal_mass * self.outer_radius**2 / self.gap - self.modal_mass * self.eccentricity * np.sqrt(1 + mu**2) - self.quadratic_drag * self.outer_radius**2
+        held = (
+            mu * self.modal_mass * self.outer_radius**2 / self.gap
+            - self.modal_mass * self.eccentricity * np.sqrt(1 + mu**2)
+            - self.quadratic_drag * self.outer_radius**2
+        )
         return float(np.sqrt(mu * self.stiffness(weight, torque) * self.gap / held)) if held > 0 else np.inf
 
     def equations(self, signal):

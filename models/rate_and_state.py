@@ -27,7 +27,7 @@ class RateAndState(FrictionLaw):
     Consequences:
 
     - Nothing sticks exactly: a contact at rest creeps. On rock the creep speed is below 1e-30 m/s.
-    - No computation can pass such a speed from rest. Below the speed `floor`, which is chosen, friction is therefore
+    - No computation can pass such a speed from rest. Below the speed `regularisation_speed`, which is chosen, friction is therefore
       viscous: the friction at the speed sqrt(v^2 + floor^2), multiplied by v / sqrt(v^2 + floor^2).
 
     The state of a contact `pad` is `pad.age` psi. It begins at 0, which is steady sliding at v_0.

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from models.pipe_sizes import inner_diameter
 from toolbox import SceneError
-from toolbox.authoring import Column, NumberOrText, Table, in_si, is_finite_number, number, read_table, suggest
+from toolbox.authoring import Column, NumberOrText, Renamed, Table, in_si, is_finite_number, number, read_table, suggest
 
 
 class Material(NamedTuple):
@@ -29,7 +29,7 @@ MATERIALS = {
 
 
 @dataclass(frozen=True)
-class ToolJoint:
+class ToolJoint(Renamed):
     """Tool joints of a pipe: the thicker ends, one pair of box and pin for every joint of pipe.
 
     Parameters
@@ -73,7 +73,7 @@ class ToolJoint:
 
 
 @dataclass(frozen=True)
-class Section:
+class Section(Renamed):
     """Section of a drill string: pipe of one size, optionally with tool joints.
 
     Textbook values of a circular tube:
@@ -134,7 +134,11 @@ class Section:
         """Cross-sectional area of the metal [m2], the mean along the section."""
         pipe = math.pi * (self.outer**2 - self.inner**2) / 4
         joint = self.tool_joint
-        return pipe if joint is None else (1 - joint.length_fraction) * pipe + joint.length_fraction * math.pi * (joint.outer**2 - joint.inner**2) / 4
+        return (
+            pipe
+            if joint is None
+            else (1 - joint.length_fraction) * pipe + joint.length_fraction * math.pi * (joint.outer**2 - joint.inner**2) / 4
+        )
 
     @property
     def polar_moment(self) -> float:
@@ -153,7 +157,11 @@ class Section:
     def torsional_rigidity(self) -> float:
         """Torsional rigidity G J [N m2]."""
         joint, pipe = self.tool_joint, self.shear_modulus * self.polar_moment
-        return pipe if joint is None else 1 / ((1 - joint.length_fraction) / pipe + joint.length_fraction / (self.shear_modulus * _polar_moment(joint)))
+        return (
+            pipe
+            if joint is None
+            else 1 / ((1 - joint.length_fraction) / pipe + joint.length_fraction / (self.shear_modulus * _polar_moment(joint)))
+        )
 
     @property
     def wave_speed(self) -> float:

@@ -45,4 +45,8 @@ class SmoothBitRock(Component):
 
 def smooth_torque(law, weight: ca.SX, speed: ca.SX) -> ca.SX:
     """W b0 [tanh(b1 w) + b2 w / (1 + b3 w^2)] with the numbers b0 .. b3 of `law` [N m]."""
-    return weight * law.torque_per_weight * (ca.tanh(law.zero_speed_steepness * speed) + law.peak_height * speed / (1 + law.peak_narrowness * speed**2))
+    return (
+        weight
+        * law.torque_per_weight
+        * (ca.tanh(law.zero_speed_steepness * speed) + law.peak_height * speed / (1 + law.peak_narrowness * speed**2))
+    )

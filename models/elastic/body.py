@@ -14,17 +14,17 @@ from models.elastic.reduced_body import ReducedBody
 from models.elastic.reduction import reduce_body
 from models.elastic.spectrum import natural_frequencies
 from toolbox import SceneError
-from toolbox.authoring import NumberOrText, array, finite_array, number, suggest
+from toolbox.authoring import NumberOrText, Renamed, array, finite_array, number, suggest
 
 AXES = "xyz"
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticBody:
+class ElasticBody(Renamed):
     """Linear elastic body M u'' + C u' + K u = f from finite elements, with its nodes and the named parts of its surface.
 
     A port is a weighted mean w^T u of displacements. If the body is joined to another part at a port, a force F on the
-    port loads the body with w F. `point`, `mean` and `rows` make ports, and `reduced` keeps the ports exactly.
+    port loads the body with w F. `point`, `mean` and `node_row_ports` make ports, and `reduced` keeps the ports exactly.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class ElasticBody:
         Matrix C [N s/m], shape (n, n). None for no damping.
     nodes
         Coordinates of the nodes [m], shape (k, 1 to 3). None if they are not known.
-    entries
+    dof_map
         Integers, shape (k, axes): the index in u of the displacement of a node along an axis, -1 if the node is held.
         By default (None) the entries of u are ordered node by node or, without nodes, one entry per node.
     faces
@@ -84,15 +84,15 @@ class ElasticBody:
             axes = 1 if nodes is None else nodes.shape[1]
             if nodes is not None and nodes.size != n:
                 raise SceneError(
-                    f"Argument `nodes` must come with `entries`, because {n} rows are not one for each of {nodes.size} coordinates."
+                    f"Argument `nodes` must come with `dof_map`, because {n} rows are not one for each of {nodes.size} coordinates."
                 )
             return np.arange(n).reshape(-1, axes)
         entries = np.asarray(self.dof_map)
         if entries.dtype.kind not in "iu" or entries.ndim != 2 or (nodes is not None and len(nodes) != len(entries)):
-            raise SceneError("Argument `entries` must be whole numbers, one row for each node and one column for each axis.")
+            raise SceneError("Argument `dof_map` must be whole numbers, one row for each node and one column for each axis.")
         used = entries[entries >= 0]
         if used.size and (used.max() >= n or np.unique(used).size != used.size):
-            raise SceneError(f"Argument `entries` must name every one of {n} rows at most once, but it does not.")
+            raise SceneError(f"Argument `dof_map` must name every one of {n} rows at most once, but it does not.")
         return entries.astype(int)
 
     @classmethod
@@ -179,7 +179,7 @@ class ElasticBody:
         return [self._weighted(row, self.faces[face][row], axis) for row in self._rows(face, along)]
 
     def node_row_areas(self, face: str, along: str) -> np.ndarray:
-        """Return the areas [m2] of the rows of a face, in the order of `rows`.
+        """Return the areas [m2] of the rows of a face, in the order of `node_row_ports`.
 
         An area times a pressure is the normal load of the row on a smooth plate under uniform pressure.
         """

@@ -60,7 +60,11 @@ class ElasticFace(ContactBody):
 
     def problem(self) -> ContactProblem:
         check_fields(self)
-        body = self.body if self.support_port is None else self.body.mounted({self.support_port: (self.support_stiffness, self.support_damping)})
+        body = (
+            self.body
+            if self.support_port is None
+            else self.body.mounted({self.support_port: (self.support_stiffness, self.support_damping)})
+        )
         return body.in_contact(
             self.friction, self.tangent, self.normal, closing=self.normal_sign, load=self.loads, gap=self.gap, pushed=self.force_ports
         )

@@ -153,7 +153,7 @@ class ElasticPad(Component):
     def poles(self, friction: float | None = None) -> np.ndarray:
         """Compute the eigenvalues of steady sliding with constant friction, with all closed contacts slipping.
 
-        The set of closed contacts is taken from `pressed`.
+        The set of closed contacts is taken from `steady_sliding_displacement`.
 
         Parameters
         ----------

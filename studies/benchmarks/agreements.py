@@ -133,7 +133,9 @@ def lanes(draw: np.random.Generator) -> str:
     runs = [simulate(loop.at(name, value), duration) for value in values]
     alone = [sweep(loop, {name: [value]}, duration=duration, metrics="severity") for value in values]
     return within(
-        np.ravel(found["severity"]), np.concatenate([np.ravel(each["severity"]) for each in alone]), max(run.error_estimate for run in runs) + 1e-6
+        np.ravel(found["severity"]),
+        np.concatenate([np.ravel(each["severity"]) for each in alone]),
+        max(run.error_estimate for run in runs) + 1e-6,
     )
 
 

@@ -142,7 +142,10 @@ def synchronous(row: Any) -> dict[str, Any]:
 
 def rolling(row: Any) -> dict[str, Any]:
     """On the wall, rolling backward without slip."""
-    return {"collar.displacement": (COLLAR.gap, 0.0), "collar.velocity": (0.0, (COLLAR.eccentricity - COLLAR.outer_radius) * row["string.speed"])}
+    return {
+        "collar.displacement": (COLLAR.gap, 0.0),
+        "collar.velocity": (0.0, (COLLAR.eccentricity - COLLAR.outer_radius) * row["string.speed"]),
+    }
 
 
 def touching(points: np.ndarray, start: Any) -> np.ndarray:

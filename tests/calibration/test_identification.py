@@ -90,7 +90,12 @@ def test_the_clock_of_the_torque_is_found_to_be_late():
 def test_a_stribeck_curve_is_found_where_there_is_one():
     joint = Joint(inertia=0.5, friction=Viscous(GaussianStribeck(1.0, 0.5, 0.8), 0.05))
     found = identify(log(2.0 * np.sin(1.5 * TIME) + 0.6 * np.sin(7.0 * TIME), joint=joint, seed=4), "Joint")
-    truth = {"joint.inertia": 0.5, "bearing.friction.dry.kinetic": 0.5, "bearing.friction.dry.stribeck_speed": 0.8, "bearing.friction.viscous": 0.05}
+    truth = {
+        "joint.inertia": 0.5,
+        "bearing.friction.dry.kinetic": 0.5,
+        "bearing.friction.dry.stribeck_speed": 0.8,
+        "bearing.friction.viscous": 0.05,
+    }
     assert off(found, truth) == []
 
 

@@ -68,9 +68,9 @@ def test_the_error_that_a_run_measures_is_the_one_it_makes_and_falls_with_the_st
         impulse = 500.0 * size * (phase**2 / 2 + np.cos(phase) - 1) / speed + MASS * size * speed * (1 - np.cos(phase))
         made.append(np.abs(np.cumsum(run.tangential[1:, 0, 0]) * step - impulse[1:]).max() / np.hypot(LOAD, impulse[-1]))
         assert np.abs(run.tangential[:, 0, 0] - exact).max() < 0.1 * exact.max()
-        assert "ask `run.error`" in str(run)
-        assert run.error == pytest.approx(made[-1], rel=0.1)
-        assert f"error {run.error:.1e}" in str(run)
+        assert "ask `run.error_estimate`" in str(run)
+        assert run.error_estimate == pytest.approx(made[-1], rel=0.1)
+        assert f"error {run.error_estimate:.1e}" in str(run)
     assert made[0] / made[1] == pytest.approx(2.0, rel=0.05)
 
 
@@ -83,9 +83,9 @@ def test_a_free_block_rests_on_its_friction_alone():
 
 
 def test_a_state_of_rest_has_no_error_of_a_step_and_that_of_a_run_that_failed_is_not_known():
-    assert press_contacts(block(500.0), {"force.x": 1.0}).error == 0.0
+    assert press_contacts(block(500.0), {"force.x": 1.0}).error_estimate == 0.0
     run = step_contacts(block(500.0), 1.0, step=0.1)
-    assert np.isnan(dataclasses.replace(run, _finer=None).error)
+    assert np.isnan(dataclasses.replace(run, _finer=None).error_estimate)
 
 
 def test_an_output_keeps_its_unit_beside_an_input_of_its_name():
@@ -141,7 +141,7 @@ def test_stick_slip_of_a_block_on_a_belt_converges_to_the_run_with_located_event
     for step in (0.008, 0.004, 0.002):
         run = step_contacts(problem, 12.0, step=step, inputs={"surface.x": 0.2})
         errors.append(np.abs(run["x"] - exact.at(run.time)["block.position"]).max())
-        assert run.error == pytest.approx(errors[-1] / np.abs(run["x"]).max(), rel=0.05)  # though forces jump where the block lets go
+        assert run.error_estimate == pytest.approx(errors[-1] / np.abs(run["x"]).max(), rel=0.05)  # though forces jump where the block lets go
     assert errors[-1] < 1e-2
     for coarse, fine in itertools.pairwise(errors):
         assert coarse / fine == pytest.approx(2.0, rel=0.15)

@@ -76,7 +76,7 @@ def test_of_any_other_law_the_border_is_never_above_the_true_one_and_near_it(fri
 
 def test_an_exponential_law_has_its_border_in_one_piece():
     found = groan_border(brake(Exponential(0.45, 0.35, 5.0)))
-    assert (found.speeds, found.forces[0], found.growth_rate) == ((0.0,), pytest.approx(200.0), pytest.approx(0.6))
+    assert (found.speeds, found.forces[0], found.border_growth) == ((0.0,), pytest.approx(200.0), pytest.approx(0.6))
     assert found.at(2.0) == pytest.approx(200.0 * math.exp(1.2))
     assert "exp(0.6 s/rad" in str(found)
 
@@ -92,7 +92,7 @@ def test_what_has_no_border_is_refused_with_what_to_give():
         BrakeForce(border_speeds=(1.0, 2.0), border_forces=(100.0, 200.0)).check()
     with pytest.raises(SceneError, match="one length"):
         BrakeForce(border_speeds=(0.0, 2.0), border_forces=(100.0,)).check()
-    with pytest.raises(SceneError, match="`growth` is missing"):
+    with pytest.raises(SceneError, match="`border_growth` is missing"):
         BrakeForce(margin=0.8, border=500.0).design(brake())
 
 

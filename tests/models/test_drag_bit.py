@@ -361,7 +361,9 @@ def test_without_wear_flats_torque_and_weight_keep_the_ratio_of_the_cutters():
     run = simulate(rig(30_000.0, sharp, top_speed=25.0), 3.0, start={"bit.speed": 25.0})
     cutting = (run.modes["bit"] == "slip+") & (run["bit.cut_depth"] > 1e-6)
     assert cutting.sum() > 50
-    np.testing.assert_allclose(run["bit.torque"][cutting], run["bit.weight"][cutting] * BIT.radius / (2 * BIT.cutter_inclination), rtol=1e-12)
+    np.testing.assert_allclose(
+        run["bit.torque"][cutting], run["bit.weight"][cutting] * BIT.radius / (2 * BIT.cutter_inclination), rtol=1e-12
+    )
 
 
 def test_a_published_string_with_axial_masses_and_a_drive_cuts_and_its_energy_closes():

@@ -83,7 +83,10 @@ def test_five_inch_pipe_has_the_numbers_of_its_data_sheet():
     assert by_hand < 23.52 < 1.08 * by_hand  # the data sheet counts upsets and tapers, too
     hung = dataclasses.replace(string, mass_per_length="23.52 ppf")
     assert hung.weight() / G / PPF == pytest.approx(23.52) and hung.weight(1200.0) == pytest.approx(hung.weight() * (1 - 1200 / 7850))
-    assert hung.inertia_per_length / string.inertia_per_length == pytest.approx(23.52 / (string.weight() / G / PPF)) and hung.torsional_rigidity == string.torsional_rigidity
+    assert (
+        hung.inertia_per_length / string.inertia_per_length == pytest.approx(23.52 / (string.weight() / G / PPF))
+        and hung.torsional_rigidity == string.torsional_rigidity
+    )
     assert string.contact_radius == pytest.approx(6.625 * INCH / 2) and pipe.contact_radius == pytest.approx(2.5 * INCH)
 
 
@@ -113,7 +116,9 @@ def test_a_table_may_have_the_columns_of_a_tally(tmp_path):
     first, second = read_sections(table)
     joint = ToolJoint("6.625 in", "3.25 in", "21 in", every="31.7 ft")
     whole = Section("5000 ft", "5 in", "4.276 in", mass_per_length="23.52 lb/ft", tool_joint=joint)
-    assert first.inertia_per_length == pytest.approx(whole.inertia_per_length, rel=1e-12) and first.torsional_rigidity == pytest.approx(whole.torsional_rigidity, rel=1e-12)
+    assert first.inertia_per_length == pytest.approx(whole.inertia_per_length, rel=1e-12) and first.torsional_rigidity == pytest.approx(
+        whole.torsional_rigidity, rel=1e-12
+    )
     assert second.mass_per_length is None and second.tool_joint is None and second.inner == pytest.approx(3.826 * INCH)
     for old, new, word in (
         (",31.7,steel", ",,steel", "column `joint length .ft.`: a row with a tool joint must have"),

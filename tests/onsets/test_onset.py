@@ -139,7 +139,9 @@ def test_a_gain_and_a_weight_can_be_what_varies(rig):
     assert found.hopf[0].value == pytest.approx(hopf, rel=1e-9)
     assert found.loss == pytest.approx(hopf, abs=1000.0)
     assert found.end < found.loss
-    gain = onset(closed_loop(rig, PI(proportional=4000.0, integral=300.0, reference=5.0)), "pi.proportional", (200.0, 20_000.0), num_values=4)
+    gain = onset(
+        closed_loop(rig, PI(proportional=4000.0, integral=300.0, reference=5.0)), "pi.proportional", (200.0, 20_000.0), num_values=4
+    )
     assert gain.unit == "N m s/rad" and gain.at == 4000.0
 
 

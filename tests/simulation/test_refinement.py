@@ -1,4 +1,4 @@
-"""Refinement over every shipped scene: the error asked for is the error made, and where it cannot be, `run.error` says so."""
+"""Refinement over every shipped scene: the error asked for is the error made, and where it cannot be, `run.error_estimate` says so."""
 
 import functools
 from pathlib import Path
@@ -41,7 +41,7 @@ SEARCHED = {("predictive", "nonlinear MPC"): 1e-7}
 
 
 def kept(root, name, label, duration, accuracy):
-    """Run a case and check that its error is what `run.error` says; returns whether it is what was asked, within ten."""
+    """Run a case and check that its error is what `run.error_estimate` says; returns whether it is what was asked, within ten."""
     loop, exact = truth(root, name, label, duration)
     run = simulate(loop, duration, accuracy=accuracy)
     made = run.difference(exact)

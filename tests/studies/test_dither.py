@@ -267,7 +267,9 @@ def test_on_the_brake_normal_dither_below_the_band_harms_and_in_it_leaves_a_thir
 
 def test_on_the_brake_a_phased_load_and_a_small_absorber_end_the_groan():
     found = row(
-        BRAKE, "phased", law=PhasedDither(load=BRAKE.load, over=BRAKE.over, depth=0.5, speed=BRAKE.speed, unit="m/s", speed_scale=-BRAKE.slip)
+        BRAKE,
+        "phased",
+        law=PhasedDither(load=BRAKE.load, over=BRAKE.over, depth=0.5, speed=BRAKE.speed, unit="m/s", speed_scale=-BRAKE.slip),
     )
     assert found.stuck == 0.0 and found.swing < 1e-3 and found.load < 1e-3
     absorber = dataclasses.replace(Absorber.tuned(Block(mass=10.0, stiffness=1e6), 0.02), attached_to="pad")

@@ -300,7 +300,11 @@ class _Work:
 
     def _asked(self, part: Any, known: Sequence[str]) -> list[str]:
         """Numbers of a part that are free."""
-        idle = {f"{part.signal_prefix}.{name}" for name, used in (("load_sensitivity", part.has_load), ("filter_time", part.has_speed_filter)) if not used}
+        idle = {
+            f"{part.signal_prefix}.{name}"
+            for name, used in (("load_sensitivity", part.has_load), ("filter_time", part.has_speed_filter))
+            if not used
+        }
         system = compose(part)
         idle |= {name for name in system.parameters if name.endswith(".decay") and not float(system.values[system.parameters[name].offset])}
         return [name for name in system.parameters if name not in idle | {*known} and name not in system.inputs]
@@ -469,7 +473,12 @@ def _told(part: Any, recording: Recording, free: Sequence[str], untold: dict[str
                 untold[name] = f"every break-away falls on a jump of the force, which passes it. To tell it, {EXPERIMENTS['static']}."
         except Unidentifiable as error:
             plain = [name.partition("[")[0] for name in error.names if name.partition("[")[0] in free]
-            order = [name for word in ("force_offset", "torque_offset", "static", "stribeck_speed", "viscous", "shift") for name in plain if name.endswith(f".{word}")]
+            order = [
+                name
+                for word in ("force_offset", "torque_offset", "static", "stribeck_speed", "viscous", "shift")
+                for name in plain
+                if name.endswith(f".{word}")
+            ]
             lost = plain if error.mute else (order or plain)[:1]
             if not lost or len(lost) == len(free):
                 raise

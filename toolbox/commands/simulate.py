@@ -135,7 +135,7 @@ def _numbers(run: Any) -> dict[str, Any]:
         "end": run.end,
         "steps": run.steps[0],
         "events": len(run.events),
-        "error": run.__dict__.get("error"),
+        "error": run.__dict__.get("error_estimate"),
         "signals": {name: {"lowest": v.min(), "highest": v.max(), "last": v[-1]} for name, v in values.items() if v.ndim == 1 and v.size},
     }
 

@@ -182,7 +182,7 @@ class ContactRun(Renamed):
         return parts
 
     @cached_property
-    def error(self) -> float:
+    def error_estimate(self) -> float:
         """Estimate of the largest error of the displacements and of the impulses of the contact forces, by a second run with half the step.
 
         Displacements of the contacts, and of the outputs in m, at one instant are compared as one vector, in parts of the largest motion of the run; outputs
@@ -390,7 +390,7 @@ class ContactRun(Renamed):
             word: value if abs(value) > 1e-12 * audit["size"] else 0.0 for word, value in audit.items() if word not in ("missing", "size")
         }
         taken = ", ".join(f"{word} {value:.3g} J" for word, value in told.items())
-        error = f"error {self.error:.1e}" if "error" in self.__dict__ else "error: ask `run.error`"
+        error = f"error {self.error_estimate:.1e}" if "error_estimate" in self.__dict__ else "error: ask `run.error_estimate`"
         return f"{steps}\n  {error}\n  share that sticks {share.min():.0%} .. {share.max():.0%}, {still}\n  energy: {taken}"
 
 

@@ -27,6 +27,7 @@ from toolbox.errors import SceneError, suggest
 from toolbox.modelling.elements import Element, FrictionLaw, Hysteresis
 from toolbox.modelling.hybrid_system import HybridSystem, Parameter, checked_plant
 from toolbox.modelling.two_directions import check_one_direction
+from toolbox.vocabulary import new_names_only
 
 STICKING = 3.0
 """Slip speed in widths below which a smoothed contact is shown as sticking."""
@@ -45,7 +46,7 @@ class Creep(Hysteresis):
 
 
 class SmoothSystem(HybridSystem):
-    """A plant whose friction is regularised; `sharp` is the set-valued plant it stands for, `widths` {element: width}, `matched` the form of the peak."""
+    """A plant whose friction is regularised; `sharp` is the set-valued plant it stands for, `widths` {element: width}, `match_static_peak` the form of the peak."""
 
     sharp: HybridSystem
     widths: dict[str, float]
@@ -59,6 +60,7 @@ class SmoothSystem(HybridSystem):
         return partial(smoothed, match_static_peak=self.match_static_peak), (self.sharp, self.widths)
 
 
+@new_names_only
 def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, match_static_peak: bool = True) -> SmoothSystem:
     """Return a plant whose dry friction is regularised with a given width.
 
@@ -73,7 +75,7 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, match_s
     width
         Width for all contacts and relays [unit of their slip]. Or {element: width}: elements that are left out stay
         set-valued.
-    matched
+    match_static_peak
         Whether the peak of the regularised friction is the static bound.
 
     Returns
@@ -98,7 +100,7 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, match_s
     if isinstance(checked_plant(plant), SmoothSystem):
         raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
     if not isinstance(match_static_peak, bool):
-        raise SceneError(f"Argument `matched` must be True or False, but it is {match_static_peak!r}.")
+        raise SceneError(f"Argument `match_static_peak` must be True or False, but it is {match_static_peak!r}.")
     widths = checked_widths(plant, width)
     template = plant.once(("smoothed", tuple(widths)), lambda: _smooth_structure(plant, list(widths)))
     made: SmoothSystem = copy.copy(template)
@@ -168,7 +170,9 @@ def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) 
     v, w = ca.SX.sym("v"), ca.SX.sym("w")
     pieces = _pieces(law, v, w)
     if ca.which_depends(ca.vertcat(*pieces), plant.x, 1, True).count(True):
-        raise SceneError(f"The peak of `{name}` follows from the states, as of frictions on one slip: smooth it with `match_static_peak=False`.")
+        raise SceneError(
+            f"The peak of `{name}` follows from the states, as of frictions on one slip: smooth it with `match_static_peak=False`."
+        )
     function = template.once(("peak", name), lambda: ca.Function("peak", [v, w, plant.p], pieces))
     return missing_peak(lambda grid: function(grid[None, :], width, plant.values), width)
 
@@ -184,6 +188,7 @@ Regularisation = Callable[[Element], ca.SX]
 """The force of a contact as a smooth expression of its slip."""
 
 
+@new_names_only
 def regularised(width: float, match_static_peak: bool = True) -> Regularisation:
     """Describe smooth friction of a given width, for `Rollout`.
 
@@ -191,7 +196,7 @@ def regularised(width: float, match_static_peak: bool = True) -> Regularisation:
     ----------
     width
         Slip speed within which the force rises [unit of the slip].
-    matched
+    match_static_peak
         Whether the peak of the smooth friction is the static bound. Otherwise the peak is the lower value that tanh
         gives.
 

@@ -372,7 +372,9 @@ def overlay(
         height = 2.3 if len(names) == 1 else 1.75 if len(names) < 4 else 1.3
         panels = [ax] if ax is not None else stacked_panels(len(names), height, 0.15 * len(runs))
         lasting = {
-            label: curves.sampled(run, begin, last) for label, run in runs.items() if (last := min(end, float(run.every_step.time[-1]))) > begin
+            label: curves.sampled(run, begin, last)
+            for label, run in runs.items()
+            if (last := min(end, float(run.every_step.time[-1]))) > begin
         }
         styles = dict(zip(runs, line_styles(len(runs)), strict=True))
         for panel, name in zip(panels, names, strict=True):

@@ -12,7 +12,7 @@ begins a step with its modes; `step.degree`: of the polynomials in it, 0 where t
 step, or one value per step for a signal that changes in none, such as a command that is held. `contacts`, `main`: names of the elements with friction and of
 the signals that a plot shows; `limit.names`, `limit.values`: what the drive keeps signals within, nan for no limit; `approach.<element>`: speeds at the
 impacts of a unilateral contact [m/s]; `asked.units`, `asked.typed`: the units in which the run was asked for, and answers; `report`: lines about the run;
-`error`: what `run.error` said, nan where it was not asked; `accuracy`: that of the run.
+`error`: what `run.error_estimate` said, nan where it was not asked; `accuracy`: that of the run.
 """
 
 from __future__ import annotations
@@ -447,7 +447,7 @@ class SavedRun(Recorded):
 
     @property
     def error_estimate(self) -> float:
-        """What `run.error` was when the run was saved. Raises SceneError where it had not been asked: it is measured by a second run."""
+        """What `run.error_estimate` was when the run was saved. Raises SceneError where it had not been asked: it is measured by a second run."""
         if np.isnan(self._error):
             raise SceneError(
                 f"The run read from `{self.path}` does not say its error: `error` needs the plant; ask it before `save`, or `pickle` the run."

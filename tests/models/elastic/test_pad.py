@@ -108,7 +108,11 @@ def test_a_pad_in_a_scene_is_saved_with_its_body_and_runs_alike(tmp_path):
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"initial_approach": (1.0, 2.0)}, "one entry for each contact"), ({"body": 3}, "ReducedBody"), ({"force_ports": "top"}, "no port `top`")],
+    [
+        ({"initial_approach": (1.0, 2.0)}, "one entry for each contact"),
+        ({"body": 3}, "ReducedBody"),
+        ({"force_ports": "top"}, "no port `top`"),
+    ],
 )
 def test_pads_that_are_none_are_refused(changes, words):
     with pytest.raises(SceneError, match=words):

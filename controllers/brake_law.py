@@ -37,8 +37,8 @@ class BrakeLaw(Controller):
     The plan begins at the speed of the first sample and ends at 0. Commands stay between `lowest_force`, which holds the wheel once it stands, and
     `highest_force`, change by at most `force_rate` times the period (None is no limit), and are held once the wheel has stopped. With a `margin`
     they also stay below the margin times the force above which the pad loses its damping (`groan_border`): the brake is eased towards standstill, as a
-    chauffeur does, and the stop gets longer. That border is either `border` N_0 exp(`border_growth` q w), or `border_forces`, of which each holds from its speed in
-    `border_speeds` up to the next speed. `inertia` I, `radius` r and the border are read from the plant unless given.
+    chauffeur does, and the stop gets longer. That border is either `border` N_0 exp(`border_growth` q w), or `border_forces`, of which each holds from
+    its speed in `border_speeds` up to the next speed. `inertia` I, `radius` r and the border are read from the plant unless given.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed",)
@@ -84,7 +84,10 @@ class BrakeLaw(Controller):
             border = groan_border(plant)
             if border.border_growth > 0.0:
                 first, growth = border.forces[0], border.border_growth
-                found |= {"border": first if self.border is None else self.border, "border_growth": growth if self.border_growth is None else self.border_growth}
+                found |= {
+                    "border": first if self.border is None else self.border,
+                    "border_growth": growth if self.border_growth is None else self.border_growth,
+                }
             elif self.border is not None or self.border_growth is not None:
                 missing = "border_growth" if self.border_growth is None else "border"
                 raise SceneError(

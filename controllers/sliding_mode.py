@@ -40,8 +40,8 @@ class SlidingSurface(TorqueLimits):
     begins where the law gives the torque that acts (`controllers.bumpless`), at 0 where none does.
 
     late: number of samples by which commands reach the drive later (sampled only). The law then acts on the top speed at the instant at which its command
-    arrives, J_r w' = u - c_r w - tau under the commands on their way and the present torque of the string. On the estimates of `OnEstimates`, which look
-    ahead by themselves, it stays 0.
+    arrives, J_r w' = u - c_r w - tau under the commands on their way and the present torque of the string. On the estimates of `StringObserverController`,
+    which look ahead by themselves, it stays 0.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load")

@@ -89,7 +89,7 @@ class Exponential(_Falling):
 
 
 @dataclass(frozen=True)
-class Transition(_Falling):
+class SmoothStepFriction(_Falling):
     """Friction that falls smoothly around one speed: mu(v) = kinetic + (static - kinetic) exp(-(|v| / transition_speed)^4).
 
     It is a smooth substitute for a friction law that drops from static to kinetic at a speed w_c, as for a rotating
@@ -101,8 +101,8 @@ class Transition(_Falling):
 
     Examples
     --------
-    >>> from models import Transition
-    >>> law = Transition()
+    >>> from models import SmoothStepFriction
+    >>> law = SmoothStepFriction()
     >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
     [0.3, 0.281, 0.195]
     """
@@ -119,18 +119,18 @@ class Transition(_Falling):
 
 
 @dataclass(frozen=True)
-class Drop(_Falling):
+class StepFriction(_Falling):
     """Friction that drops at one slip speed: mu = static up to this speed, kinetic above it.
 
-    The drop is a break of the friction law and is located as an event. `Transition` is a similar law without a jump.
+    The drop is a break of the friction law and is located as an event. `SmoothStepFriction` is a similar law without a jump.
 
     Source: U. J. F. Aarsnes, R. J. Shor (2018), with static 0.3, kinetic 0.65 of static, and a speed of 1.5 rad/s.
 
     Examples
     --------
-    >>> from models import BlockOnBelt, Drop
+    >>> from models import BlockOnBelt, StepFriction
     >>> from toolbox import compose, measure, simulate
-    >>> run = simulate(compose(BlockOnBelt(friction=Drop(drop_speed=0.1))), "60 s")
+    >>> run = simulate(compose(BlockOnBelt(friction=StepFriction(drop_speed=0.1))), "60 s")
     >>> print(f"the block sticks for {measure.stuck_ratio(run, 'belt'):.0%} of the time")
     the block sticks for 25% of the time
     """

@@ -19,8 +19,8 @@ class Ensemble(Observer):
     """Observer whose estimates are the means of an ensemble of strings; see `toolbox.drilling.EnsembleFilter`.
 
     estimates: `bit.speed` [rad/s], `bit.torque` [N m], `top.speed` [rad/s] and `bit.friction_scale` [1], the strength of the rock over the declared one.
-    For use inside `Observed` or `OnEstimates`, sampled at `period`; it runs in Python, and the run keeps its estimates in `run.laws[0].estimates`.
-    The command is taken to act without delay.
+    For use inside `ObserverBasedController` or `StringObserverController`, sampled at `period`; it runs in Python, and the run keeps
+    its estimates in `run.controllers[0].estimates`. The command is taken to act without delay.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)

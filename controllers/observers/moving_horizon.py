@@ -28,9 +28,9 @@ class MovingHorizon(Observer):
     therefore that of the Kalman filter, whatever the window. None for a limit leaves it out. An answer that does not pass the conditions of
     Karush, Kuhn and Tucker is replaced by the correction of the filter, and counted (`failures`). A string at rest precedes the first sample.
 
-    estimates: as of `Kalman`.  delay: how long after its sample a command reaches the plant [s]. For use inside `Observed`, sampled at `period`; it runs in
-    Python, and the run keeps its estimates in `run.laws[0].estimates`. Source: C. V. Rao, J. B. Rawlings, D. Q. Mayne, IEEE Trans. Autom. Control 48
-    (2003) 246-258.
+    estimates: as of `Kalman`.  delay: how long after its sample a command reaches the plant [s]. For use inside `ObserverBasedController`, sampled
+    at `period`; it runs in Python, and the run keeps its estimates in `run.controllers[0].estimates`. Source: C. V. Rao, J. B. Rawlings, D. Q. Mayne,
+    IEEE Trans. Autom. Control 48 (2003) 246-258.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)

@@ -63,7 +63,11 @@ SLOW = ("BrakeMPC", "LinearMPC", "NonlinearMPC")
 def shipped() -> dict[str, Any]:
     """{name: class} of all controllers that the package ships."""
     found = {name: getattr(controllers, name) for name in controllers.__all__}
-    return {name: kind for name, kind in found.items() if isinstance(kind, type) and issubclass(kind, Controller) and name != "OnEstimates"}
+    return {
+        name: kind
+        for name, kind in found.items()
+        if isinstance(kind, type) and issubclass(kind, Controller) and name != "StringObserverController"
+    }
 
 
 def plain(name: str) -> Any:
@@ -116,7 +120,7 @@ def trial(seed: int, index: int) -> tuple[str, Any, Any, float | None, float]:
         name = str(random.choice([each for each in names if each not in SLOW]))
     law = plain(name)
     if name in ("LQR", "SlidingMode", "SuperTwisting") and random.random() < 0.3:
-        law = controllers.OnEstimates(law, observers.Kalman(), delay_samples=int(random.integers(3)))
+        law = controllers.StringObserverController(law, observers.Kalman(), delay_samples=int(random.integers(3)))
     continuous = type(law).continuous is not Controller.continuous and random.random() < 0.25
     period = None if continuous else float(random.choice([0.001, 0.01, 0.1, 1.0]))
     if name in SLOW:

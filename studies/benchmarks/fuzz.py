@@ -52,15 +52,15 @@ from models import (
     Coulomb,
     CubicStribeck,
     DragBit,
-    Drop,
     ElasticRock,
     Exponential,
     Hyperbolic,
     HystereticBitRock,
     SmoothBitRock,
+    SmoothStepFriction,
+    StepFriction,
     TopDrive,
     TorsionalChain,
-    Transition,
     wells,
 )
 from studies.benchmarks import fuzz_sections
@@ -104,8 +104,8 @@ LAWS: tuple[FrictionLaw, ...] = (
     Exponential(static=0.8, kinetic=0.5, decay=0.9),
     Hyperbolic(static=1.0, decay=3.0),
     CubicStribeck(),
-    Drop(),
-    Transition(),
+    StepFriction(),
+    SmoothStepFriction(),
 )
 
 
@@ -200,7 +200,7 @@ def _network(random: np.random.Generator, label: str) -> Structure:
 
 ROCKS: tuple[Component, ...] = (
     BitRock(weight=97_347.0),
-    BitRock(weight=97_347.0, friction=Drop(static=0.8, kinetic=0.5)),
+    BitRock(weight=97_347.0, friction=StepFriction(static=0.8, kinetic=0.5)),
     BitRock(weight=97_347.0, friction=Coulomb(static=0.8, kinetic=0.5)),
     HystereticBitRock(weight=97_347.0),
     SmoothBitRock(weight=97_347.0),

@@ -1,8 +1,8 @@
 """What does a user wait for, beside the event loop?
 
 Every row is measured in fresh processes with warm caches, as processor time of the whole process or of one call in it, the least of so many turns. Rows: the
-first answer; a study with figures; keeping a run; both branches of an onset; a map; `run.error_estimate` of a sampled law beside its run; chains of 1000 and 3000
-inertias that all rub, whose machine code is made anew, with the memory of the process. `python -m studies speed` measures the loop itself.
+first answer; a study with figures; keeping a run; both branches of an onset; a map; `run.error_estimate` of a sampled law beside its run; chains of 1000 and
+3000 inertias that all rub, whose machine code is made anew, with the memory of the process. `python -m studies speed` measures the loop itself.
 
     python -m studies waiting [--only ROW ...] [--turns 3]
 """

@@ -23,7 +23,7 @@ from models import AxialChain, BitRock, DragBit, ElasticRock, HystereticBitRock,
 from models.drag_bit import radau
 from models.smooth_bit_rock import smooth_torque
 from studies.command_line import figure_folder
-from toolbox import compose, measure, plot, simulate, units
+from toolbox import compose, measure, plot, simulate, use_units
 from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 
@@ -197,7 +197,7 @@ def main() -> None:
     for speed in (4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 25.0):
         torque, stuck, least = cycle(speed)
         print(f"{speed:13.1f}  {torque:17.0f}  {100 * stuck:9.1f} %  {1e3 * least:14.2f}")
-    with plt.rc_context(plot.PAPER), units("metric"):  # what drillers read: rpm
+    with plt.rc_context(plot.PAPER), use_units("metric"):  # what drillers read: rpm
         for name, figure in (("bit_rock_laws", draw_laws()), ("drag_bit", draw_drag_bit()), ("bit_bounce", draw_bounce())):
             figure.savefig(folder / f"{name}.png")
             print(folder / f"{name}.png")

@@ -82,8 +82,8 @@ def face_problem(
     """The cube on its plate with a contact under every node of its face, in the modes of a band [Hz]."""
     friction = Exponential(static=pull.friction * MU, kinetic=pull.friction * 0.25, decay=1.0)
     return ElasticFace(
-        face_body(divisions, band), ("x", "y"), "z", force_ports=("top", "top.along"), support_port="back", support_stiffness=mount[0], support_damping=pull.damping * mount[1],
-        friction=friction,
+        face_body(divisions, band), ("x", "y"), "z", force_ports=("top", "top.along"), support_port="back",
+        support_stiffness=mount[0], support_damping=pull.damping * mount[1], friction=friction,
     ).problem()  # fmt: skip
 
 

@@ -31,7 +31,7 @@ import numpy as np
 from controllers import SlidingMode, StiffPI
 from models import BitRock, Exponential, WhirlingCollar, wells, whirl_ratio
 from studies.command_line import figure_folder
-from toolbox import HybridSystem, compose, measure, plot, simulate, units
+from toolbox import HybridSystem, compose, measure, plot, simulate, use_units
 from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.equilibria import state_values
@@ -252,7 +252,7 @@ def main() -> None:
     named = {"stiff PI": driven(None), **{f"0.2 1/s, {way}": driven(0.2, way) for way in WAYS}}
     print(table({label: row(run) for label, run in named.items()}))
     shown = {f"0.2 1/s, {way}": (driven(0.2, way), first) for way, first in SHOWN.items()}
-    with units("metric"):  # what drillers read: rpm
+    with use_units("metric"):  # what drillers read: rpm
         draw(shown).savefig(folder / "whirl.png")
     draw_outcomes(found).savefig(folder / "whirl_outcomes.png")
     print(f"Figures are in {folder}")

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from models import Block, BristleContact, Coulomb, Drop, ElasticBody, Exponential
+from models import Block, BristleContact, Coulomb, ElasticBody, Exponential, StepFriction
 from toolbox import Sampled, SceneError, SimulationError, compose, simulate, time
 from toolbox.contacts import ContactProblem, press_contacts, step_contacts
 from toolbox.inputs import ramp, sine
@@ -141,7 +141,9 @@ def test_stick_slip_of_a_block_on_a_belt_converges_to_the_run_with_located_event
     for step in (0.008, 0.004, 0.002):
         run = step_contacts(problem, 12.0, step=step, inputs={"surface.x": 0.2})
         errors.append(np.abs(run["x"] - exact.at(run.time)["block.position"]).max())
-        assert run.error_estimate == pytest.approx(errors[-1] / np.abs(run["x"]).max(), rel=0.05)  # though forces jump where the block lets go
+        assert run.error_estimate == pytest.approx(
+            errors[-1] / np.abs(run["x"]).max(), rel=0.05
+        )  # though forces jump where the block lets go
     assert errors[-1] < 1e-2
     for coarse, fine in itertools.pairwise(errors):
         assert coarse / fine == pytest.approx(2.0, rel=0.15)
@@ -376,7 +378,7 @@ def test_impacts_take_what_falls_and_the_stepping_only_what_falls_with_the_step(
         ({"tangent": [[1.0]]}, "tangent"),
         ({"tangent": np.zeros((0, 1, 1))}, "at least one contact"),
         ({"friction": 0.3}, "friction law"),
-        ({"friction": Drop()}, "without breaks"),
+        ({"friction": StepFriction()}, "without breaks"),
         ({"friction": Coulomb(0.2, 0.3)}, "kinetic"),
         ({"force_inputs": {"pull": [1.0, 2.0]}}, "pull"),
         ({"contact_positions": [[0.0], [1.0]]}, "contact_positions"),

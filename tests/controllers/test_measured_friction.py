@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers import BrakeForce, BrakeMPC, BrakePI, BrakeSlidingMode, HeldSpeed, groan_border
-from models import DiscBrake, Drop, Exponential, GaussianStribeck, Tabulated, Viscous
+from models import DiscBrake, Exponential, GaussianStribeck, StepFriction, Tabulated, Viscous
 from studies.questions import brake_check as own
 from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, linearise, simulate
 from toolbox.inputs import sine
@@ -83,7 +83,7 @@ def test_an_exponential_law_has_its_border_in_one_piece():
 
 def test_what_has_no_border_is_refused_with_what_to_give():
     with pytest.raises(SceneError, match="`border_speeds`"):
-        groan_border(brake(Drop()))
+        groan_border(brake(StepFriction()))
     with pytest.raises(SceneError, match="does not fall"):
         groan_border(brake(Tabulated(speeds=(0.0, 1.0), coefficients=(0.3, 0.4), static=0.4)))
     with pytest.raises(SceneError, match="given together"):

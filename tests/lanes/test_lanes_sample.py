@@ -33,7 +33,7 @@ from toolbox import (
 from toolbox.lanes.lanes import Lanes
 from toolbox.lanes.samples import noise_table
 from toolbox.measuring import metrics
-from toolbox.modelling import Observed  # fmt: skip
+from toolbox.modelling import ObserverBasedController  # fmt: skip
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.request import Request
 from toolbox.stepping import noise
@@ -185,7 +185,8 @@ PLANTS = {
     "sliding mode": (RIG, WEIGHT, 30.0, Sampled(SlidingMode(reference=12.0), 0.01, delay=0.002), {}, ("bit.speed",), "bit"),
     "super-twisting": (RIG, WEIGHT, 20.0, Sampled(SuperTwisting(reference=12.0), 0.01), {}, ("bit.speed",), "bit"),
     "law with an observer": (
-        RIG, WEIGHT, 20.0, Sampled(Observed(SlidingMode(reference=8.0), observers.Kalman()), 0.01, noise={"top.speed": 0.02}), {}, ("bit.speed",), "bit",
+        RIG, WEIGHT, 20.0, Sampled(ObserverBasedController(SlidingMode(reference=8.0), observers.Kalman()), 0.01, noise={"top.speed": 0.02}), {},
+        ("bit.speed",), "bit",
     ),
     "table beside a law": (
         RIG, {"pi.reference": (4.0, 14.0)}, 40.0, Sampled(PI(), 0.01), {"inputs": {"bit.weight": ([0.0, 9.0, 9.0, 20.0], [5e4, 9e4, 6e4, 1.1e5])}},

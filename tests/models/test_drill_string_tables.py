@@ -18,8 +18,8 @@ from models import (
     BitRock,
     Coulomb,
     DrillString,
-    Drop,
     Section,
+    StepFriction,
     Survey,
     ToolJoint,
     TorsionalChain,
@@ -552,7 +552,7 @@ def test_off_bottom_at_60_rpm_the_published_drive_keeps_the_string_in_stick_slip
 def lumped(elements, duration):
     """A run of the well of Aarsnes and Shor in so many elements under its published drive from rest, and when its bit first moves."""
     folder = [TABLES / f"aarsnes_shor_{name}.csv" for name in ("sections", "survey")]
-    string = DrillString.from_tables(*folder, top_inertia=2900.0, drag_rate=0.1, friction=Drop(), elements=elements)
+    string = DrillString.from_tables(*folder, top_inertia=2900.0, drag_rate=0.1, friction=StepFriction(), elements=elements)
     if elements == len(wells.AARSNES_SHOR.stiffness):
         assert string == wells.AARSNES_SHOR
     run = simulate(compose(string), duration, controller=PI(38e3, 100e3, 60 * RPM))

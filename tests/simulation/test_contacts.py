@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from models import BlockOnBelt, Coulomb, Drop, Exponential
+from models import BlockOnBelt, Coulomb, Exponential, StepFriction
 from toolbox import (
     Budget,
     Component,
@@ -541,20 +541,20 @@ def test_a_switch_that_both_sides_lead_back_to_is_reported_as_endless():
 
 def test_a_law_that_jumps_switches_exactly_at_its_break():
     run = simulate(
-        compose(BlockOnBelt(stiffness=0.0, belt_speed=3.0, friction=Drop(static=1.0, kinetic=0.5, drop_speed=1.5))),
+        compose(BlockOnBelt(stiffness=0.0, belt_speed=3.0, friction=StepFriction(static=1.0, kinetic=0.5, drop_speed=1.5))),
         3.0,
         start={"block.speed": 0.0},
     )
     # slip -3, friction +0.5 until |slip| = 1.5 after 3 s / 1 = 3 s
     assert run.modes["belt.break"][0] == "beyond"
-    run = simulate(compose(BlockOnBelt(stiffness=0.0, belt_speed=3.0, friction=Drop(static=1.0, kinetic=0.5, drop_speed=1.5))), 6.0)
+    run = simulate(compose(BlockOnBelt(stiffness=0.0, belt_speed=3.0, friction=StepFriction(static=1.0, kinetic=0.5, drop_speed=1.5))), 6.0)
     assert [(e.element, e.before, e.after) for e in run.events] == [("belt.break", "beyond", "below"), ("belt", "slip-", "stick")]
     assert run.events[0].time == pytest.approx(3.0, rel=1e-10)
     assert run.events[1].time == pytest.approx(4.5, rel=1e-10)
 
 
 def test_a_law_that_jumps_agrees_with_scipy_stopped_at_every_switch():
-    plant = compose(BlockOnBelt(belt_speed=1.0, friction=Drop(static=2.0, kinetic=0.8, drop_speed=1.5)))
+    plant = compose(BlockOnBelt(belt_speed=1.0, friction=StepFriction(static=2.0, kinetic=0.8, drop_speed=1.5)))
     run = simulate(plant, 20.0, start={"block.position": 3.0}, accuracy=1e-9)
     assert {e.element for e in run.events} == {"belt", "belt.break"}
     x, t = np.array([3.0, 0.0]), 0.0

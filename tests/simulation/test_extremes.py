@@ -33,7 +33,7 @@ from toolbox import (
 )
 from toolbox.calibration import Search
 from toolbox.errors import AccuracyError, BudgetError
-from toolbox.modelling import Hysteresis, Observed, Relay, Takeover
+from toolbox.modelling import Hysteresis, ObserverBasedController, Relay, Takeover
 from toolbox.modelling.components import fields_of
 from toolbox.simulation import EventExact, TimeStepping
 from toolbox.simulation.methods import METHODS, method_of
@@ -52,7 +52,7 @@ LAWS = sorted(
     if isinstance(kind, type)
     and dataclasses.is_dataclass(kind)
     and issubclass(kind, Controller)
-    and not issubclass(kind, (Observed, controllers.Lifting))  # which need another law to act on
+    and not issubclass(kind, (ObserverBasedController, controllers.Lifting))  # which need another law to act on
 )
 PERIOD = {"LinearMPC": 0.1, "NonlinearMPC": 0.1, "BrakeMPC": 0.03}
 CONTINUOUS = ("IdealSlidingMode", "HeldSpeed")
@@ -332,7 +332,7 @@ def test_a_number_of_an_observer_that_is_none_is_refused_by_its_name(observer):
     for field in fields_of(observer):
         if field.numeric and getattr(observer(), field.name) is not None:
             with pytest.raises(SceneError, match=field.name):
-                simulate(RIG, 0.0, controller=Sampled(Observed(SoftTorque(), observer(**{field.name: math.nan})), 0.01))
+                simulate(RIG, 0.0, controller=Sampled(ObserverBasedController(SoftTorque(), observer(**{field.name: math.nan})), 0.01))
 
 
 @pytest.mark.parametrize(
@@ -348,7 +348,7 @@ def test_a_number_of_an_observer_that_is_none_is_refused_by_its_name(observer):
         (LinearMPC(sensor_noise=(1e-300,)), "squares"),
         (LQG(delay_samples=-1), "`delay_samples` must be an integer >= 0 and <= 1000"),
         (LQG(delay_samples=10**9), "`delay_samples` must be an integer >= 0 and <= 1000"),
-        (Observed(StiffPI(), observers.Kalman(speed_noise=1e-300)), "Kalman cannot be designed"),
+        (ObserverBasedController(StiffPI(), observers.Kalman(speed_noise=1e-300)), "Kalman cannot be designed"),
         (PI(proportional=(1.0, 2.0)), "`proportional` of PI must be one number"),  # type: ignore[arg-type]
         (Takeover(before=StiffPI(), after=5.0), "must be a Controller"),  # type: ignore[arg-type]
     ],

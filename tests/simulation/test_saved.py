@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers import LQG, PI
-from models import BitRock, BlockOnBelt, Coulomb, Drop, wells
+from models import BitRock, BlockOnBelt, Coulomb, StepFriction, wells
 from tests.simulation.test_contacts import Ball
 from toolbox import Budget, SceneError, Trajectory, closed_loop, compose, energy_audit, fit, measure, simulate
 from toolbox.errors import BudgetError
@@ -23,7 +23,7 @@ RUNS = {
     "no contact": (compose(wells.JANSEN_2), 5.0, {"inputs": {"top.torque": 1e4}}),
     "no switch": (compose(BlockOnBelt(belt_speed=0.0)), 3.0, {"output_times": [0.0, 1.0, 2.0]}),
     "a break of the law": (
-        compose(BlockOnBelt(friction=Drop(static=1.0, kinetic=0.5, drop_speed=0.3))),
+        compose(BlockOnBelt(friction=StepFriction(static=1.0, kinetic=0.5, drop_speed=0.3))),
         20.0,
         {"start": {"block.position": 1.0}},
     ),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from models import BlockOnBelt, Coulomb
-from models.friction import Drop
+from models.friction import StepFriction
 from toolbox import Component, DryFriction, Equations, Sampled, SimulationError, compose, quantity, simulate, state, sweep, time
 from toolbox.compilation import work_layout as layout
 from toolbox.inputs import sine
@@ -58,7 +58,7 @@ def test_a_sweep_over_the_input_starts_on_its_far_side():
 
 
 def test_a_law_knows_on_which_side_of_its_break_a_jump_of_the_belt_puts_it():
-    plant = compose(BlockOnBelt(load=5.0, friction=Drop(static=1.0, kinetic=0.2, drop_speed=0.3)))
+    plant = compose(BlockOnBelt(load=5.0, friction=StepFriction(static=1.0, kinetic=0.2, drop_speed=0.3)))
     belt = ([0.0, 0.02, 0.02, 0.05], [0.3, 0.3, -0.35, -0.35])
     run = simulate(plant, 0.05, start={"block.position": -2.0}, inputs={"block.belt_speed": belt})
     after = run.at(0.02)

@@ -17,8 +17,8 @@ from models import (
     BlockOnBelt,
     Coulomb,
     DiscBrake,
-    Drop,
     Exponential,
+    StepFriction,
     averaged_friction,
     oscillators,
     tangential_dither,
@@ -179,7 +179,7 @@ def test_tangential_dither_says_what_it_cannot_do():
         with pytest.raises(SceneError, match=word):
             tangential_dither(BLOCK, "belt", slip, frequency)
     with pytest.raises(SceneError, match="without breaks"):
-        tangential_dither(compose(BlockOnBelt(friction=Drop())), "belt", 0.2, 3.0)
+        tangential_dither(compose(BlockOnBelt(friction=StepFriction())), "belt", 0.2, 3.0)
 
 
 # --- the map, and what the study claims of each rig

@@ -363,7 +363,8 @@ class _Steady(_Work):
         level, slope, *offset = np.linalg.lstsq(basis, self.force, rcond=None)[0].tolist()
         size = float(np.abs(self.force).max())
         slow = float(np.quantile(np.abs(self.speed), 0.2))
-        return {"mass": getattr(self.part, self.part.body_field), "level": max(level, 0.1 * size), "viscous": max(slope, 0.01 * size / np.abs(self.speed).max()),
+        return {"mass": getattr(self.part, self.part.body_field), "level": max(level, 0.1 * size),
+                "viscous": max(slope, 0.01 * size / np.abs(self.speed).max()),
                 "offset": offset[0] if offset else 0.0, "speed": slow}  # fmt: skip
 
     def fitted(self, part: Any, known: Sequence[str], confidence: float) -> Fit:

@@ -1,7 +1,7 @@
 """Observers, and laws that act on their estimates instead of on measurements.
 
 An observer is written like a law: it reads what is measured and what is commanded, has states, and gives its estimates under the names of the
-signals they stand for. `Observed(law, observer)` closes the loop: wherever the law asks for a signal that the observer estimates, it gets the
+signals they stand for. `ObserverBasedController(law, observer)` closes the loop: wherever the law asks for a signal that the observer estimates, it gets the
 estimate of the same sample, and wherever the observer asks for a signal that the law drives, it gets the command.
 """
 
@@ -48,7 +48,7 @@ class Observer(Controller):
     """An observer: like a law it has `sampled` and `continuous`, whose outputs are estimates under the names of the signals they estimate.
 
     `measures` names what it reads and `estimates` what it gives. Estimates must depend on measurements and states only, not on the command of the same
-    instant. It is used inside `Observed`.
+    instant. It is used inside `ObserverBasedController`.
     """
 
     estimates: ClassVar[tuple[str, ...]] = ()
@@ -67,7 +67,7 @@ MOST_LATE = 1000
 
 
 @dataclass(frozen=True)
-class Observed(Controller):
+class ObserverBasedController(Controller):
     """A law on the estimates of an observer; the estimates are recorded as `estimate.<signal>`.
 
     `design` designs both. Raises SceneError where units of estimates and signals differ, or an estimate depends on the command.

@@ -46,7 +46,8 @@ class Creep(Hysteresis):
 
 
 class SmoothSystem(HybridSystem):
-    """A plant whose friction is regularised; `sharp` is the set-valued plant it stands for, `widths` {element: width}, `match_static_peak` the form of the peak."""
+    """A plant whose friction is regularised; `sharp` is the set-valued plant it stands for, `widths` {element: width}, `match_static_peak`
+    whether the peak is the static bound."""
 
     sharp: HybridSystem
     widths: dict[str, float]

@@ -21,7 +21,7 @@ from typing import Any
 
 from toolbox.arguments import number
 from toolbox.errors import BudgetError, SceneError, SimulationError
-from toolbox.files.unit_systems import units
+from toolbox.files.unit_systems import use_units
 from toolbox.files.units import NumberOrText
 from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
@@ -141,7 +141,7 @@ class Page:
         asking = self._questions[question]
         if not isinstance(told, dict):
             raise SceneError("A question must be an object, but it is none.")
-        with contextlib.nullcontext() if self.system is None else units(self.system):
+        with contextlib.nullcontext() if self.system is None else use_units(self.system):
             return asking(told)
 
     def _look(self, label: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.files.printing import table
-from toolbox.files.unit_systems import chosen, reading_of, units
+from toolbox.files.unit_systems import chosen, reading_of, use_units
 from toolbox.modelling.closed_loop import ClosedLoop
 
 LABELLED = 8
@@ -22,7 +22,7 @@ def usual_units(loop: ClosedLoop | None) -> contextlib.AbstractContextManager[An
     """The units in which a page reads, where none were chosen: metric ones (rpm, kN, kN m) of a string that is driven on top, and where there is no machine;
     else those that were typed, or SI."""
     driven = loop is None or loop.plant.has_signal("top.speed")
-    return units("metric") if chosen() is None and driven else contextlib.nullcontext()
+    return use_units("metric") if chosen() is None and driven else contextlib.nullcontext()
 
 
 def machine(loop: ClosedLoop) -> str:

@@ -4,8 +4,8 @@ The error of such a method is about c k^q with its setting k, q = 1 for a step, 
 
     e = |x_k - x_(k/r)| / (r^q - 1)
 
-scaled as `run.error_estimate` is. The setting is divided by four, twice at least, until e <= accuracy. Once e falls with k, it tells what the accuracy will cost, and a
-price beyond the budget ends in an AccuracyError at once, with the best run.
+scaled as `run.error_estimate` is. The setting is divided by four, twice at least, until e <= accuracy. Once e falls with k, it tells what the accuracy will
+cost, and a price beyond the budget ends in an AccuracyError at once, with the best run.
 
 Two widths may agree and both be wrong: contacts that should stick creep at a speed w, and as long as that is far above what the bodies between them do, all
 widths share the load in the same way, which is not that of contacts at rest. So a width is also compared with the set-valued law, by time stepping with two

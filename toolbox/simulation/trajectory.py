@@ -493,7 +493,8 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         lines = [
             f"{type(self).__name__} of {', '.join(names)}",
             f"{self.duration:g} s{took}: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
-            self._setting + (f", error {self.error_estimate:.1e}" if "error_estimate" in self.__dict__ else ", error: ask `run.error_estimate`"),
+            self._setting
+            + (f", error {self.error_estimate:.1e}" if "error_estimate" in self.__dict__ else ", error: ask `run.error_estimate`"),
         ]
         if self.why:
             lines.append(self.why)

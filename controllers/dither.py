@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import Controller, Equations, HybridSystem, Quantity, SceneError, Update, measure, quantity, simulate, time
-from toolbox.authoring import number
+from toolbox.authoring import new_names_only, number
 from toolbox.inputs import sine
 from toolbox.modelling import OptionalQuantity
 
@@ -160,7 +160,7 @@ class PhasedDither(LoadDither):
     v is the signal `speed`. The load is higher while the contact slips faster than on average, so friction rises with
     speed.
 
-    - `size` is the deviation of v at which the full depth is reached. It is negative if the slip speed falls while v
+    - `speed_scale` is the deviation of v at which the full depth is reached. It is negative if the slip speed falls while v
       rises. Example: a block on a moving belt, whose slip speed falls while the block moves with the belt.
     - `unit` is by default the unit of the signal `speed` in the plant.
 
@@ -173,7 +173,7 @@ class PhasedDither(LoadDither):
     >>> from toolbox import closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), PhasedDither(reference="60 rpm")))
     Closed loop: TorsionalChain, BitRock
-      PhasedDither, continuous: mean 97 kN, depth 0.5, reference 60 rpm, size 9.549 rpm
+      PhasedDither, continuous: mean 97 kN, depth 0.5, reference 60 rpm, speed_scale 9.549 rpm
       bit.weight has no effect, because the input bit.weight takes its place
     """
 
@@ -189,7 +189,7 @@ class PhasedDither(LoadDither):
 
     def check(self):
         if self.speed_scale == 0:
-            raise SceneError("Argument `size` must not be 0.")
+            raise SceneError("Argument `speed_scale` must not be 0.")
 
     def design(self, plant: HybridSystem) -> Any:
         """Return the controller with the mean load and the unit of the speed from the plant, if they are not given."""
@@ -284,6 +284,7 @@ class DitherMap:
         return "\n".join(lines)
 
 
+@new_names_only
 def dither_map(
     plant: HybridSystem,
     load: str,
@@ -300,7 +301,7 @@ def dither_map(
 ) -> DitherMap:
     """Map the amplitude of a signal over frequency and depth of an alternating load, by simulation.
 
-    The load is mean (1 + depth sin) - offset. Each run lasts `periods` natural periods, and its second half is
+    The load is mean (1 + depth sin) - other_load. Each run lasts `periods` natural periods, and its second half is
     evaluated.
 
     The map is valid for a machine whose mean speed is held constant. If the dither could stop the machine, hold its
@@ -326,7 +327,7 @@ def dither_map(
         Amplitudes of the alternation as fractions of `mean`.
     periods
         Length of a run in natural periods.
-    offset
+    other_load
         Part of the load that another input gives, as with `brake.disturbance`.
     arguments
         Further arguments of `simulate`, such as `controller` and `start`.

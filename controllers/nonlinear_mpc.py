@@ -79,7 +79,7 @@ class NonlinearMPC(Predictive):
 
     def check(self):
         super().check()
-        for name in ("iterations", "steps"):
+        for name in ("iterations", "integration_steps"):
             whole(name, getattr(self, name), 1)
         if not self.soft_limits:
             raise SceneError("Argument `soft` must be True for a nonlinear law: its limits of speed and twist give way where they must.")

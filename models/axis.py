@@ -50,10 +50,10 @@ class Axis(Component):
     F is the force, F_0 a constant force (an offset of the sensor or the amplifier, or a weight) and R the friction.
     `identify` uses this plant for recordings in m and N.
 
-    - Needs the signal `axis.force` F [N] (default 0). If the axis is `has_load`, it also needs `axis.load` P [N] (default
+    - Needs the signal `axis.force` F [N] (default 0). If `has_load` is True, the axis also needs `axis.load` P [N] (default
       0), and R is multiplied by 1 + q |P|.
     - Gives the signals `axis.position` [m], `axis.speed` v [m/s] and `axis.resistance` [N], the force R + F_0 at steady
-      speed. If the axis is `has_speed_filter`, it also gives `axis.filtered_speed` [m/s], the speed after the filter of a
+      speed. If `has_speed_filter` is True, it also gives `axis.filtered_speed` [m/s], the speed after the filter of a
       recorder.
     - Contact: `rail`.
 
@@ -87,10 +87,10 @@ class Joint(Component):
 
     It has the equation of `Axis` with torques and angles. `identify` uses this plant for recordings in rad and N m.
 
-    - Needs the signal `joint.torque` [N m] (default 0). If the joint is `has_load`, it also needs `joint.load` [N m]
+    - Needs the signal `joint.torque` [N m] (default 0). If `has_load` is True, the joint also needs `joint.load` [N m]
       (default 0).
     - Gives the signals `joint.angle` [rad], `joint.speed` [rad/s] and `joint.resistance` [N m], the torque at steady
-      speed. If the joint is `has_speed_filter`, it also gives `joint.filtered_speed` [rad/s], the speed after the filter of a
+      speed. If `has_speed_filter` is True, it also gives `joint.filtered_speed` [rad/s], the speed after the filter of a
       recorder.
     - Contact: `bearing`.
 

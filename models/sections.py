@@ -92,7 +92,7 @@ class Section(Renamed):
         `inner_diameter("5 in", "19.5 lb/ft")`.
     density, shear_modulus
         Density [kg/m3] and shear modulus G [Pa] of the material.
-    mass
+    mass_per_length
         Mass per length in air [kg/m] with upsets and tool joints, as in catalogues ("adjusted weight"), or text such as
         "23.5 lb/ft" or "23.5 ppf". By default it follows from the diameters. The mass in excess of this value is
         assumed to rotate at the same radius of gyration.
@@ -188,7 +188,7 @@ def _polar_moment(tube: Section | ToolJoint) -> float:
     return math.pi * (tube.outer**4 - tube.inner**4) / 32
 
 
-UNITS = {"length": "m", "outer": "m", "inner": "m", "density": "kg/m3", "shear_modulus": "Pa", "mass": "kg/m"}
+UNITS = {"length": "m", "outer": "m", "inner": "m", "density": "kg/m3", "shear_modulus": "Pa", "mass_per_length": "kg/m"}
 
 
 def _in_si(tube: Section | ToolJoint, names: Iterable[str]) -> None:
@@ -201,7 +201,7 @@ def _fault(values: Mapping[str, Any]) -> tuple[str, str] | None:
     """(field, what it must be) of the first mistake in the fields of a section."""
     for name, unit in UNITS.items():
         value: Any = values.get(name)
-        if name == "mass" and value is None:
+        if name == "mass_per_length" and value is None:
             continue
         if not is_finite_number(value):
             return name, f"it must be a finite number, but it is {value!r}."
@@ -233,7 +233,7 @@ COLUMNS = (
 )
 """What a table of sections may have; either `length`, or `from` and `to`; either `material`, or `density` and `shear modulus`; `ID` or `nominal weight`."""
 
-_COLUMN_OF = {"outer": "OD", "inner": "ID", "shear_modulus": "shear modulus", "mass": "weight"}
+_COLUMN_OF = {"outer": "OD", "inner": "ID", "shear_modulus": "shear modulus", "mass_per_length": "weight"}
 
 
 JOINT_COLUMNS = {"outer": "tool joint OD", "inner": "tool joint ID", "length": "tool joint length", "every": "joint length"}
@@ -295,7 +295,12 @@ def read_sections(path: str | Path) -> tuple[Section, ...]:
             material = MATERIALS[row["material"]]
         else:
             material = Material(row["density"], row["shear modulus"])
-        values = {"length": length, "outer": row["OD"], "inner": _inner(table, i, row), "mass": row.get("weight")} | material._asdict()
+        values = {
+            "length": length,
+            "outer": row["OD"],
+            "inner": _inner(table, i, row),
+            "mass_per_length": row.get("weight"),
+        } | material._asdict()
         fault = _fault(values)
         if fault:
             raise table.error(i, length_column if fault[0] == "length" else _COLUMN_OF.get(fault[0], fault[0]), fault[1])

@@ -62,7 +62,7 @@ class TorqueDrag(Result):
     >>> pipe = Section(length="2000 m", outer="5 in", inner="4.276 in")
     >>> survey = Survey(depth=(0.0, 800.0, 1400.0, 2000.0), inclination=(0.0, 0.0, 1.0, 1.0), azimuth=(0.0, 0.0, 0.0, 0.0))
     >>> found = torque_drag([pipe], survey, friction=0.25, axial_speed=-0.2)
-    >>> print(f"drag {found.drag / 1e3:.0f} kN, the whole string moves: {found.moves}")
+    >>> print(f"drag {found.drag / 1e3:.0f} kN, the whole string moves: {found.is_moving}")
     drag 62 kN, the whole string moves: True
     """
 

@@ -74,7 +74,7 @@ class ElasticBody(Renamed):
         empty = next((name for name, areas in faces.items() if not areas.any()), None)
         if empty is not None:
             raise SceneError(f"Argument `faces` must give `{empty}` areas that are not all 0.")
-        made = {"mass": mass, "stiffness": stiffness, "damping": damping, "nodes": nodes, "entries": entries, "faces": faces}
+        made = {"mass": mass, "stiffness": stiffness, "damping": damping, "nodes": nodes, "dof_map": entries, "faces": faces}
         for word, value in made.items():
             object.__setattr__(self, word, value)
 
@@ -114,7 +114,7 @@ class ElasticBody(Renamed):
         names
             {"mass": name of the matrix in its MAT file, ...}. Needed if a file holds several matrices.
         places
-            nodes, entries and faces, as for `ElasticBody`.
+            nodes, dof_map and faces, as for `ElasticBody`.
 
         Returns
         -------

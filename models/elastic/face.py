@@ -55,7 +55,7 @@ class ElasticFace(ContactBody):
             raise SceneError("Either `normal` must be given, for contacts that open and close, or `loads`, and not both.")
         if self.support_port is None and (self.support_stiffness or self.support_damping):
             raise SceneError(
-                "Arguments `stiffness` and `damping` must come with `support_port`, the port on which they act, but there is none."
+                "Arguments `support_stiffness` and `support_damping` must come with `support_port`, the port on which they act, but there is none."
             )
 
     def problem(self) -> ContactProblem:

@@ -154,7 +154,7 @@ class ReducedBody(Renamed):
         return self.ports.index(port)
 
     def indices(self, prefix: str) -> list[int]:
-        """Return the coordinates of the ports `start.0`, `start.1` and so on, in order. Raises SceneError if no port has such a name."""
+        """Return the coordinates of the ports `prefix.0`, `prefix.1` and so on, in order. Raises SceneError if no port has such a name."""
         found: list[int] = []
         while f"{prefix}.{len(found)}" in self.ports:
             found.append(self.ports.index(f"{prefix}.{len(found)}"))

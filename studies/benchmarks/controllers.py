@@ -180,7 +180,7 @@ def in_python(law: Any, carried_out: Any) -> tuple[str, str]:
 
 def gains(random: np.random.Generator, loop: ClosedLoop) -> dict[str, float]:
     """Other numbers of the controller of a loop, by name."""
-    values, known = loop.assembly.system, loop.numbers()
+    values, known = loop.assembly.system, loop.variable_numbers()
     names = [entry for entry in values.parameters.values() if not loop.plant.has_parameter(entry.name) and entry.size is None]
     # no sample time, and nothing that a design reads
     names = [entry for entry in names if entry.name in known and known[entry.name].kind is PARAMETER]

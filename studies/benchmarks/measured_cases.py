@@ -94,7 +94,7 @@ def cases() -> dict[str, tuple[Any, Mapping[str, float]]]:
         )
     }
     for label, (inertia, viscous, ahead, back) in PUMA.items():
-        one = identify(puma(inertia, viscous, ahead, back), "Joint", directions=True, held="joint.torque")
+        one = identify(puma(inertia, viscous, ahead, back), "Joint", directions=True, zero_order_hold="joint.torque")
         truth = {"joint.inertia": inertia, f"{bearing}forward.dry.static": ahead, f"{bearing}backward.dry.static": back,
                  f"{bearing}forward.viscous": viscous, f"{bearing}backward.viscous": viscous}  # fmt: skip
         found[label] = one, truth

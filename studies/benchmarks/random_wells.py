@@ -114,7 +114,7 @@ def rested(well: Well, speed: float) -> dict[str, Any]:
         for law in loop.controllers
     ]
     rest = equilibrium(closed_loop(loop.plant, *laws, inputs=loop.inputs))
-    remembered = [name for name, number in loop.numbers().items() if number.is_start and not loop.plant.has_signal(name)]
+    remembered = [name for name, number in loop.variable_numbers().items() if number.is_start and not loop.plant.has_signal(name)]
     return {name: rest[name] for name in (*loop.plant.states, *remembered) if name in rest}
 
 

@@ -173,7 +173,7 @@ def cures(rig: Rig) -> dict[str, dict[str, Any]]:
     """{cure: arguments of `judged`}."""
     frequency, depth = best(rig.label)
     common = {"load": rig.load, "over": rig.over, "depth": depth}
-    steep = {"depth": 0.5, "speed": rig.speed, "unit": rig.unit, "reference": rig.reference, "size": rig.rising * rig.slip}
+    steep = {"depth": 0.5, "speed": rig.speed, "unit": rig.unit, "reference": rig.reference, "speed_scale": rig.rising * rig.slip}
     period = 1.0 / (40.0 * frequency)
     found: dict[str, dict[str, Any]] = {
         "none": {},

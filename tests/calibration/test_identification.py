@@ -20,7 +20,7 @@ def log(torque=None, speed=0.0, seed=0, joint=TRUE, held=False):
     plant, inputs = compose(joint), {}
     if torque is not None:
         data = {"time": TIME, "joint.torque": torque}
-        inputs = Recording.of(data, plant, held="joint.torque").driving(plant) if held else {"joint.torque": (TIME, torque)}
+        inputs = Recording.of(data, plant, zero_order_hold="joint.torque").driving(plant) if held else {"joint.torque": (TIME, torque)}
     run = simulate(plant, TIME[-1], inputs=inputs, start={"joint.speed": speed}, output_times=TIME)
     found = {"time": TIME, "joint.speed": run["joint.speed"] + 0.01 * np.random.default_rng(seed).standard_normal(TIME.size)}
     return found if torque is None else {**found, "joint.torque": torque}
@@ -81,7 +81,7 @@ def test_a_gap_makes_two_runs_each_with_its_own_start():
 def test_the_clock_of_the_torque_is_found_to_be_late():
     data = log(SINE)
     late = {**data, "joint.torque": np.interp(TIME - 0.02, TIME, SINE)}
-    found = identify(late, "Joint", shifts="joint.torque")
+    found = identify(late, "Joint", delayed_signals="joint.torque")
     low, high = found.interval("joint.torque.shift")
     assert low <= 0.02 <= high and high - low < 2e-3
     assert found["joint.inertia"] == pytest.approx(0.02, rel=0.01)

@@ -172,7 +172,7 @@ def test_sweep_answers(name):
 def test_margins_answer_by_a_linear_loop_or_say_why_there_is_none(name):
     if refused(name, "margins", margins):
         return
-    found = margins(LAWS[name].loop, measured=False)
+    found = margins(LAWS[name].loop, by_simulation=False)
     whys = {
         "Ideal": "switches",
         "Twisting": "not finite near steady|no steady running was found at which the law is smooth",

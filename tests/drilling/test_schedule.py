@@ -72,7 +72,7 @@ def test_one_law_over_depth_ends_stick_slip_where_that_of_no_single_depth_does()
         assert held > 1.0, depth
     for each in found.checked:
         assert each.disk_margin == pytest.approx(
-            margins(closed_loop(well(each.depth), found.law_at(each.depth)), measured=False).disk_margin
+            margins(closed_loop(well(each.depth), found.law_at(each.depth)), by_simulation=False).disk_margin
         )
 
 

@@ -49,9 +49,9 @@ def test_margins_are_those_of_the_working_point(found):
             found.onset_margins[i], [(point - found.smooth_from[i, 1]) / point, (point - found.free_from[i, 1]) / point]
         )
         loop = closed_loop(well(depth), LAW)
-        assert found.disk_margin[i] == margins(loop, measured=False).disk_margin
+        assert found.disk_margin[i] == margins(loop, by_simulation=False).disk_margin
         for part, stable in ((1.01, True), (0.97, False)):
-            assert margins(loop.at("top.reference", float(found.smooth_from[i, 1]) * part), measured=False).stable is stable
+            assert margins(loop.at("top.reference", float(found.smooth_from[i, 1]) * part), by_simulation=False).stable is stable
 
 
 def test_a_range_that_is_free_and_one_without_a_window_are_told():

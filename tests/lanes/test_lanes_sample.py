@@ -324,7 +324,7 @@ def test_every_lane_counts_by_the_sample_time_and_delay_of_its_own():
 def test_runs_with_sample_times_and_delays_of_their_own_switch_as_runs_alone_do():
     plant, _, duration, laws, arguments, *_ = PLANTS["late and noisy"]
     loop, _ = together(plant, laws, **arguments)
-    names = [name for name in loop.numbers() if name.endswith((".sample_time", ".delay"))]
+    names = [name for name in loop.variable_numbers() if name.endswith((".sample_time", ".delay"))]
     draw = np.random.default_rng(3)
     varied = {name: loop.number(name).value * draw.uniform(0.4, 1.7, 21) for name in names}
     assert len(varied) >= 2

@@ -140,7 +140,7 @@ def test_sensitivity_is_the_slope_of_simulate(number):
 @each_number
 def test_margins_are_those_of_the_loop_with_it(number):
     def question():
-        return [margins(number.loop.at(number.name, value), measured=False).disk_margin for value in number.values]
+        return [margins(number.loop.at(number.name, value), by_simulation=False).disk_margin for value in number.values]
 
     found = answered(number, "margins", question)
     assert found is None or all(value > 0.1 for value in found)
@@ -182,7 +182,7 @@ BELT = compose(BlockOnBelt())
 
 def test_cycles_are_followed_through_every_number_that_has_a_slope():
     free = limit_cycle(closed_loop(BELT, start={"block.position": 1.2}), 60.0)
-    names = [name for name, number in free.loop.numbers().items() if number.kind.has_slope and number.value > 0.0]
+    names = [name for name, number in free.loop.variable_numbers().items() if number.kind.has_slope and number.value > 0.0]
     assert {"block.belt_speed", "block.stiffness"} <= {*names}
     for name in names:
         value = free.loop.number(name).value

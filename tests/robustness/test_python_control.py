@@ -54,7 +54,7 @@ def test_poles_margins_and_delay_margin_are_those_of_python_control(law, period,
     for pole in poles[np.abs(poles) > 1e-2]:  # others are those of the outputs on their way, a root of many equal poles
         assert np.abs(own - pole).min() < 1e-6 * abs(pole)
 
-    found = margins(loop, measured=False)["top.torque"]
+    found = margins(loop, by_simulation=False)["top.torque"]
     frequency = np.geomspace(1e-3, 0.9999 * math.pi / period, 20_000)
 
     def transfer(w):

@@ -33,6 +33,7 @@ from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.laws import names as names_of
 from toolbox.scenes.catalogue import part as offered
+from toolbox.vocabulary import new_names_only
 
 EVERY_KIND = ("clipped", "drop-out", "reversed", "outlier")
 """Flaws of samples over time, which steady points have not."""
@@ -97,17 +98,18 @@ class Identification(Fit):
         return super().plot()
 
 
+@new_names_only
 def identify(
     data: Any,
     plant: Any = "Axis",
     *,
     columns: Mapping[str, str] | None = None,
-    known: str | Sequence[str] = (),
-    shifts: str | Sequence[str] = (),
+    fixed: str | Sequence[str] = (),
+    delayed_signals: str | Sequence[str] = (),
     friction: Any = None,
     directions: bool = False,
-    held: str | Sequence[str] | None = None,
-    keep: Sequence[str] = (),
+    zero_order_hold: str | Sequence[str] | None = None,
+    accepted_flaws: Sequence[str] = (),
     confidence: float = 0.95,
 ) -> Identification:
     """Identify friction and mass of an axis or a joint from recordings, with confidence intervals and the friction curve.
@@ -122,9 +124,9 @@ def identify(
     columns
         {signal: column} for all recordings, such as {"time": "t", "axis.position": "pos [mm]", "axis.force": "F [N]"}.
         A column that a recording does not have is left out. By default columns have the names of signals.
-    known
+    fixed
         Names of numbers of the part that are known and stay constant, such as "axis.mass".
-    shifts
+    delayed_signals
         Signals with a time shift that is estimated, such as "axis.force". The estimate is the time by which the signal
         was recorded too late.
     friction
@@ -132,9 +134,9 @@ def identify(
     directions
         Whether friction is estimated separately for both directions. A constant force is then not estimated, because it
         cannot be distinguished.
-    held
+    zero_order_hold
         Inputs that keep their value between samples (zero-order hold); see `fit`.
-    keep
+    accepted_flaws
         Kinds of data flaws that are treated as valid data; see `Recording.of`.
     confidence
         Confidence level of the intervals.
@@ -171,16 +173,16 @@ def identify(
     }
     part = dataclasses.replace(part, **{name: there for name, there in changes.items() if there})
     system = compose(part)
-    read = [_read(each, system, part, columns, keep) for each in given]
+    read = [_read(each, system, part, columns, accepted_flaws) for each in given]
     steady = [recording for recording, is_steady in read if is_steady]
-    moving = [recording if held is None else recording.holding([name for name in names_of(held) if name in recording.signals])
+    moving = [recording if zero_order_hold is None else recording.holding([name for name in names_of(zero_order_hold) if name in recording.signals])
               for recording, is_steady in read if not is_steady]  # fmt: skip
     if steady and moving:
         raise SceneError(
             "Argument `data` must hold steady points or recordings over time, but it holds both: identify one after the other."
         )
-    work = _Steady(part, steady) if steady else _Moving(part, moving, held, shifts)
-    found = work.simplest(friction, directions, names_of(known), confidence)
+    work = _Steady(part, steady) if steady else _Moving(part, moving, zero_order_hold, delayed_signals)
+    found = work.simplest(friction, directions, names_of(fixed), confidence)
     units = {key: unit for recording, _ in read for key, unit in recording.display_units.items() if key != "s"}
     return dataclasses.replace(
         found, display_units={**found.display_units, **units}, recordings=tuple(str(recording) for recording, _ in read)
@@ -373,7 +375,7 @@ class _Steady(_Work):
         if body not in known:
             self.untold[body] = f"steady speeds do not depend on it. To tell it, {EXPERIMENTS[part.body_field]}."
         data = {"time": np.arange(self.speed.size, dtype=float), **self.data}
-        recording = Recording.of(data, compose(part), keep=EVERY_KIND)
+        recording = Recording.of(data, compose(part), accepted_flaws=EVERY_KIND)
         still = 0.5 * float(np.abs(self.speed[self.speed != 0.0]).min())
         return _told(
             part,

@@ -127,7 +127,7 @@ def _uncertain(
         raise SceneError(
             "Argument `--at` must not be given with `--uncertainty` or `--posterior`, because the margin of draws is not told."
         )
-    found = uncertain_onset(loops, parameter, bounds, uncertain_of(given), draws=given.draws, values=given.values, tolerance=tolerance)
+    found = uncertain_onset(loops, parameter, bounds, uncertain_of(given), draws=given.draws, num_values=given.values, tolerance=tolerance)
     unit = loops[next(iter(loops))].number(parameter).unit
     typed = numbers("--range", ranges("--range", [given.range])[parameter], unit)
     asked = {unit: shown} if (shown := asked_in(typed, "")) else {}

@@ -244,7 +244,7 @@ class ContactRun(Renamed):
 
     @staticmethod
     def load(path: str | Path) -> ContactRun:
-        """Read a run from a file of `save`, without `error`, which needs another run.
+        """Read a run from a file of `save`, without `error_estimate`, which needs another run.
 
         Parameters
         ----------

@@ -228,7 +228,7 @@ class _Question:
             yield loop.replace(start={})
         elif start == "ramp":
             yield loop.replace(inputs={**loop.inputs, self.knob: shapes.ramp(0.02 * value, value, 0.0, RAMP)}, start={})
-        elif WEIGHT in self.loop.numbers() and not math.isnan(weight := float(self.loop.number(WEIGHT).value)):
+        elif WEIGHT in self.loop.variable_numbers() and not math.isnan(weight := float(self.loop.number(WEIGHT).value)):
             begin = smooth_start(loop)
             for ramp in RAMPS:
                 times = np.cumsum([20.0, OFF, AWAY, ramp])
@@ -251,7 +251,11 @@ class _Question:
 
     def _errors(self, uncertainty: Mapping[str, Any] | None) -> list[Any]:
         """(held, runs, why) of takeovers on plants with one number wrong at a time, the nominal one left out."""
-        wanted = ({WEIGHT: "10 %"} if WEIGHT in self.loop.numbers() else {}) if uncertainty is None else mapping("uncertainty", uncertainty)
+        wanted = (
+            ({WEIGHT: "10 %"} if WEIGHT in self.loop.variable_numbers() else {})
+            if uncertainty is None
+            else mapping("uncertainty", uncertainty)
+        )
         trials = Trials.of(self.loop, self.duration, starts=TakenOver(self.initial, self.phases), after=None)
         held, runs, why = 0, 0, ""
         for error, factors in cases_of(wanted, ()).items():

@@ -355,7 +355,7 @@ def _pair(values: Any) -> tuple[float, float]:
 
 def _border(loop: ClosedLoop) -> tuple[FloatArray | None, str]:
     """(highest set-point at which smooth running is lost, at each of the loads `HARDER`; "") or, where it is not known, (None, why)."""
-    if "top.reference" not in loop.numbers():
+    if "top.reference" not in loop.variable_numbers():
         return None, "the loop has no set-point `top.reference`"
     if loop.is_sampled:
         return None, "the law is sampled, and the border is that of a law in its continuous form"

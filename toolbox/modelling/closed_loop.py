@@ -208,7 +208,7 @@ class ClosedLoop(Printed):
 
     def target(self, signal: str) -> float | None:
         """Return the value that a signal is to reach: the value of `reference`. None if no target is given."""
-        if isinstance(self.reference, str) and self.reference in self.numbers():
+        if isinstance(self.reference, str) and self.reference in self.variable_numbers():
             return self.number(self.reference).value
         return None if self.reference is None else number("reference", self.reference, self.system.signal_unit(signal))
 
@@ -224,7 +224,7 @@ class ClosedLoop(Printed):
         return self.label or ", ".join([*kinds, *(described(law).partition(",")[0] for law in self.controllers)])
 
     # -------------------------------------------------------------------------------------------------------------------------------------- numbers
-    def numbers(self) -> dict[str, Number]:
+    def variable_numbers(self) -> dict[str, Number]:
         """{name: every number of the loop that can be varied}, with unit, bounds, value, and the input that overrides it if one does."""
         return numbers_in(self)
 
@@ -245,7 +245,7 @@ class ClosedLoop(Printed):
             raise SceneError(f"Argument `parameter` must be the name of a number of the loop, but it is {name!r}.")
         if (now := former_name(self, name)) is not None:
             raise SceneError(f"The number `{name}` is named `{now}` now.")
-        known = self.numbers()
+        known = self.variable_numbers()
         ending = [each for each in known if each.endswith(f".{name}")]
         if len(ending) == 1:
             return known[ending[0]]
@@ -291,7 +291,7 @@ class ClosedLoop(Printed):
         Parameters
         ----------
         name
-            A name of `numbers()`.
+            A name of `variable_numbers()`.
         value
             Its value in SI, or text with a unit.
 

@@ -91,7 +91,7 @@ def onset(
     guess
         {state: value} near the steady state at the operating point. It is needed if no steady state is found without
         it, for example under a drive with limits.
-    values
+    num_values
         Number of values at which both branches are simulated.
     tolerance
         Tolerance of borders that come from runs, in the unit of the parameter. By default 1/5000 of the range.
@@ -120,7 +120,7 @@ def onset(
     >>> from models import BitRock, wells
     >>> from toolbox import closed_loop, compose, onset
     >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
-    >>> found = onset(loop, "top.reference", ("20 rpm", "120 rpm"), values=5)
+    >>> found = onset(loop, "top.reference", ("20 rpm", "120 rpm"), num_values=5)
     >>> print(f"smooth running is lost at {found.loss:.2f} rad/s, stick-slip ends at {found.end:.1f} rad/s")
     smooth running is lost at 3.67 rad/s, stick-slip ends at 8.3 rad/s
     """
@@ -132,7 +132,7 @@ def onset(
         free = continuous.differentiable_number(parameter, "onset")
     low, high = free.span(bounds)
     asked_unit = asked_in(tuple(free.in_si("bounds", tuple(bounds))), free.unit)
-    whole("values", num_values, 3)
+    whole("num_values", num_values, 3)
     tolerance = (high - low) / 5000 if tolerance is None else number("tolerance", tolerance, free.unit, above=0)
     longest = None if duration is None else number("duration", duration, "s", above=0)
     perturbation, at = number("perturbation", perturbation, above=0), free.value

@@ -299,7 +299,9 @@ def _swing(loop: ClosedLoop, run: Trajectory, display_units: Mapping[str, str]) 
 # ------------------------------------------------------------------------------------------------------------------------- what may follow
 def further(run: Trajectory, loop: ClosedLoop) -> dict[str, Any]:
     """What follows when nobody turns a number: error of the run, poles of steady running, numbers of the drive, values of all, and those without effect."""
-    told: dict[str, Any] = {"values": {name: number.value for name, number in loop.numbers().items() if math.isfinite(number.value)}}
+    told: dict[str, Any] = {
+        "values": {name: number.value for name, number in loop.variable_numbers().items() if math.isfinite(number.value)}
+    }
     told["drive"] = loop.controller_names
     told["without"] = {name: taken(loop, taking) for name, taking in loop.overriding_inputs.items()}
     try:

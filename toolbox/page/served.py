@@ -154,7 +154,7 @@ class Page:
                 controls = {control.number.name: control for control in controls_of(loop, asked)}
                 axes = [] if loop.standstill_speed is not None else maps.axes_of([*controls.values()])
                 self._looks[label] = {"asked": asked, "controls": controls, "axes": axes,
-                                      "redone": {name: each.kind.redesigns for name, each in loop.numbers().items()}}  # fmt: skip
+                                      "redone": {name: each.kind.redesigns for name, each in loop.variable_numbers().items()}}  # fmt: skip
         return self._looks[label]
 
     def _scene(self, told: dict[str, Any]) -> dict[str, Any]:

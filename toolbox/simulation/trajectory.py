@@ -85,7 +85,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         Recorded times [s], shape (nt,). If no output times were given, every step is recorded, and events twice (before
         and after). For very long runs of large plants, only every second, third ... step and all events are recorded,
         as soon as the records would need more memory than `toolbox.simulation.thin_records.MOST`. `run.at` is then as
-        exact as before, and `run.nodes` has every step.
+        exact as before, and `run.every_step` has every step.
     states
         States at the recorded times, shape (nt, n).
     begin

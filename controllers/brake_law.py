@@ -45,18 +45,18 @@ class BrakeLaw(Controller):
     actuated_signals: ClassVar[tuple[str, ...]] = ("brake.force",)
 
     deceleration: Quantity = quantity(2.0, "rad/s2", "wanted deceleration of the disc", above=0)
-    car_deceleration: OptionalQuantity = quantity(None, "m/s2", "wanted deceleration of the car, in place of that of the disc", above=0)
-    friction: Quantity = quantity(0.4, "1", "coefficient of friction that the law expects", above=0)
-    margin: OptionalQuantity = quantity(None, "1", "part of the border force that the law allows itself", above=0)
+    car_deceleration: OptionalQuantity = quantity(None, "m/s2", "wanted deceleration of the car, in place of `deceleration`", above=0)
+    friction: Quantity = quantity(0.4, "1", "expected coefficient of friction", above=0)
+    margin: OptionalQuantity = quantity(None, "1", "allowed force as a fraction of the border of groan", above=0)
     lowest_force: Quantity = quantity(100.0, "N", "lowest force of one pad", at_least=0)
     highest_force: Quantity = quantity(5000.0, "N", "highest force of one pad", above=0, typical_range=(1.0, 1e6))
     force_rate: OptionalQuantity = quantity(20_000.0, "N/s", "highest rate of the force", above=0)
     inertia: OptionalQuantity = quantity(None, "kg m2", "inertia I on the disc", above=0)
     radius: OptionalQuantity = quantity(None, "m", "effective radius r of the pads", above=0, typical_range=(0.01, 1.0))
     border: OptionalQuantity = quantity(None, "N", "force N_0 above which the pad groans at standstill", above=0)
-    border_growth: OptionalQuantity = quantity(None, "s/rad", "growth q of that force with the disc speed", at_least=0)
+    border_growth: OptionalQuantity = quantity(None, "s/rad", "growth q of the border of groan with the disc speed", at_least=0)
     border_speeds: OptionalQuantities = quantity(None, "rad/s", "disc speeds, from 0 upwards, at which the border changes", at_least=0)
-    border_forces: OptionalQuantities = quantity(None, "N", "border from each of these speeds up to the next one", above=0)
+    border_forces: OptionalQuantities = quantity(None, "N", "border from each of `border_speeds` up to the next one", above=0)
 
     def check(self):
         number("highest_force", self.highest_force, "N", above=self.lowest_force)
@@ -172,7 +172,7 @@ class GroanBorder(NamedTuple):
     border_growth: float = 0.0
 
     def at(self, speed: float) -> float:
-        """Return the border [N] at a disc speed [rad/s] >= 0. At a speed where two pieces meet, the piece of the higher speeds holds."""
+        """Return the border [N] at a disc speed [rad/s] >= 0. If two pieces meet at this speed, the piece of the higher speeds is used."""
         piece = int(np.searchsorted(self.speeds, number("speed", speed, "rad/s", at_least=0), side="right")) - 1
         return self.forces[piece] * math.exp(self.border_growth * speed)  # growth is 0 where a piece has no border
 

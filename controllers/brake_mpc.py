@@ -24,7 +24,7 @@ class BrakeMPC(BrakeLaw):
     stop:
 
         n_(k+1) = n_k + alpha (u_k - n_k),   w_(k+1) = w_k - (2 r mu h / I) n_(k+1),   z_(k+1) = z_k + h (w_(k+1) - w_p)
-        min sum_k ((w_k - w_p) / speed_size)^2 + (z_k / angle_size)^2 + ((u_k - u_(k-1)) / move_size)^2 + violation_cost (excess + excess^2 / 2)
+        min sum_k ((w_k - w_p) / speed_scale)^2 + (z_k / angle_scale)^2 + ((u_k - u_(k-1)) / force_step_scale)^2 + violation_cost (excess + excess^2 / 2)
         n_k <= margin N(w_k) + excess,   lowest_force <= u_k <= highest_force,   |u_k - u_(k-1)| <= force_rate h
 
     - u is the command, n the force of one pad, w the speed of the disc, w_p the planned speed, z the error of the
@@ -44,14 +44,14 @@ class BrakeMPC(BrakeLaw):
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
 
-    margin: OptionalQuantity = quantity(0.8, "1", "part of the border force that the law allows itself", above=0)
+    margin: OptionalQuantity = quantity(0.8, "1", "allowed force as a fraction of the border of groan", above=0)
     period: Quantity = quantity(
-        0.03, "s", "sample time; 1.5 periods of the default pad, which steps at its own period would excite", above=0
+        0.03, "s", "sample time; 1.5 periods of the default pad, because steps at the period of the pad would excite it", above=0
     )
     horizon: int = 60
-    speed_scale: Quantity = quantity(0.2, "rad/s", "deviation of the speed that counts", above=0)
-    angle_scale: Quantity = quantity(0.05, "rad", "deviation of the angle that counts", above=0)
-    force_step_scale: Quantity = quantity(100.0, "N", "change of the force within a period that counts", above=0)
+    speed_scale: Quantity = quantity(0.2, "rad/s", "scale of the deviation of the speed in the cost", above=0)
+    angle_scale: Quantity = quantity(0.05, "rad", "scale of the deviation of the angle in the cost", above=0)
+    force_step_scale: Quantity = quantity(100.0, "N", "scale of the change of the force per sample in the cost", above=0)
     violation_cost: Quantity = quantity(1e5, "1", "cost of passing the border of groan by 1000 N", above=0)
     filter_time: Quantity = quantity(0.1, "s", "time over which the friction is averaged", at_least=0)
     lag: OptionalQuantity = quantity(None, "s", "time constant of the actuator", at_least=0)

@@ -47,7 +47,7 @@ class LoadDither(Controller):
     load: str = "bit.weight"
     over: str | None = None
     mean: OptionalQuantity = quantity(None, "N", "mean load N_0", above=0)
-    depth: Quantity = quantity(0.5, "1", "amplitude in parts of the mean", at_least=0, at_most=1)
+    depth: Quantity = quantity(0.5, "1", "amplitude as a fraction of the mean", at_least=0, at_most=1)
 
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -142,7 +142,7 @@ class SweptDither(NormalDither):
       bit.weight has no effect, because the input bit.weight takes its place
     """
 
-    span: Quantity = quantity(0.4, "Hz", "swing of the frequency either way", at_least=0)
+    span: Quantity = quantity(0.4, "Hz", "largest deviation from `frequency` in both directions", at_least=0)
     sweep_time: Quantity = quantity(20.0, "s", "period of the sweep", above=0)
 
     def check(self):

@@ -59,13 +59,13 @@ class HInfinity(TorqueLimits):
     """
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
-    bit_speed_scale: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
-    angle_scale: Quantity = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
-    torque_scale: Quantity = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
+    bit_speed_scale: Quantity = quantity(2.0, "rad/s", "scale of the bit speed in the norm", above=0)
+    angle_scale: Quantity = quantity(8.0, "rad", "scale of the integral in the norm", above=0)
+    torque_scale: Quantity = quantity(3000.0, "N m", "scale of the torque in the norm", above=0)
     disturbance_scale: Quantity = quantity(1000.0, "N m", "disturbance of the bit torque", above=0)
     speed_noise: Quantity = quantity(0.03, "rad/s", "error of the measured top speed", above=0)
     integrator_leak: Quantity = quantity(0.005, "1/s", "pole of the weight on the top speed", above=0)
-    norm_factor: Quantity = quantity(1.2, "1", "norm allowed, in parts of the smallest", above=1)
+    norm_factor: Quantity = quantity(1.2, "1", "allowed norm as a multiple of the smallest norm", above=1)
     order: int = 0
     nonzero_indices: tuple[int, ...] = ()
     controller_matrices: OptionalQuantities = quantity(
@@ -75,7 +75,7 @@ class HInfinity(TorqueLimits):
     )
     operating_torque: OptionalQuantity = quantity(None, "N m", "u_0; filled in by design")
     initial_state_map: OptionalQuantities = quantity(None, "1", "states of K at rest per torque beyond u_0, then K(0); filled in by design")
-    gamma: OptionalQuantity = quantity(None, "1", "the norm that is kept; filled in by design")
+    gamma: OptionalQuantity = quantity(None, "1", "bound of the norm; filled in by design")
 
     def design(self, plant):
         """Return the controller designed on the plant. Raises SceneError if no such controller exists."""

@@ -47,7 +47,7 @@ class LinearMPC(Predictive):
     """
 
     torque_process_noise: Quantity = quantity(
-        400.0, "N m s^-1/2", "wandering in a second of the bit torque beyond the slope of the rock", above=0
+        400.0, "N m s^-1/2", "standard deviation of the change of T, the bit torque beyond the slope of the rock, in one second", above=0
     )
 
     def design(self, plant: HybridSystem) -> PlannedLinear:

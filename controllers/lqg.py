@@ -39,9 +39,11 @@ class LQG(LQR):
 
     delay_samples: int = 0
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
-    period: Quantity = quantity(0.01, "s", "sample time of that noise", above=0)
-    torque_process_noise: Quantity = quantity(2000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
-    drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
+    period: Quantity = quantity(0.01, "s", "sample time of the measurement noise", above=0)
+    torque_process_noise: Quantity = quantity(
+        2000.0, "N m s^-0.5", "standard deviation of the change of the bit torque in one second", above=0
+    )
+    drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "intensity of the white noise of the drive torque", at_least=0)
 
     def design(self, plant):
         """Return the regulator on the estimates of the Kalman filter, both designed on the plant."""

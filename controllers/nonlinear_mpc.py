@@ -64,18 +64,24 @@ class NonlinearMPC(Predictive):
     Source: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736 (the iteration).
     """
 
-    drive_process_noise: Quantity = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
-    drive_torque_error: Quantity = quantity(0.2, "1", "error of the drive's inertia or torque, as a part of it", at_least=0)
+    drive_process_noise: Quantity = quantity(50.0, "N m s^1/2", "intensity of the white noise of the drive torque", at_least=0)
+    drive_torque_error: Quantity = quantity(0.2, "1", "relative error of the inertia or torque of the drive", at_least=0)
     width: OptionalQuantity = quantity(None, "rad/s", "width of regularised friction", above=0)
     match_static_peak: bool = True
     adapt_rock_strength: bool = True
     iterations: int = 1
     integration_steps: int = 4
     standstill_speed: Quantity = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
-    rock_strength_time: Quantity = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
-    strength_process_noise: Quantity = quantity(0.005, "s^-1/2", "wandering of the strength of the rock in a second", above=0)
-    min_bit_speed_factor: Quantity = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
-    holding_torque_margin: Quantity = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
+    rock_strength_time: Quantity = quantity(
+        1.0, "s", "time constant with which the estimate follows the strength of a sliding rock", above=0
+    )
+    strength_process_noise: Quantity = quantity(
+        0.005, "s^-1/2", "standard deviation of the change of the rock strength in one second", above=0
+    )
+    min_bit_speed_factor: Quantity = quantity(0.4, "1", "lowest speed of a turning bit, as a fraction of the set-point", at_least=0)
+    holding_torque_margin: Quantity = quantity(
+        0.02, "1", "assumed strength of the rock at rest above the largest torque that it has held, as a fraction of this torque", above=0
+    )
 
     def check(self):
         super().check()

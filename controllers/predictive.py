@@ -46,22 +46,24 @@ class Predictive(TorqueLimits):
     """
 
     sensors: tuple[str, ...] = ("top.speed",)
-    sensor_noise: Quantities = quantity((0.01,), "1", "standard deviations of what the sensors measure, in their units", above=0)
+    sensor_noise: Quantities = quantity((0.01,), "1", "standard deviations of the measurement noise, in the units of the sensors", above=0)
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
     period: Quantity = quantity(0.1, "s", "sample time", above=0, typical_range=(1e-4, 5.0))
     delay: Quantity = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     horizon: int = 40
-    top_speed_scale: Quantity = quantity(8.0, "rad/s", "deviation of the top speed that counts", above=0)
-    bit_speed_scale: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
-    torque_scale: Quantity = quantity(20_000.0, "N m", "deviation of the torque that counts", above=0)
-    torque_step_scale: Quantity = quantity(20_000.0, "N m", "change of the torque within a period that counts", above=0)
+    top_speed_scale: Quantity = quantity(8.0, "rad/s", "scale of the deviation of the top speed in the cost", above=0)
+    bit_speed_scale: Quantity = quantity(2.0, "rad/s", "scale of the deviation of the bit speed in the cost", above=0)
+    torque_scale: Quantity = quantity(20_000.0, "N m", "scale of the deviation of the torque in the cost", above=0)
+    torque_step_scale: Quantity = quantity(20_000.0, "N m", "scale of the change of the torque per sample in the cost", above=0)
     highest_speed: OptionalQuantity = quantity(None, "rad/s", "highest top speed", above=0, typical_range=(0.05, 40.0))
-    highest_twist: OptionalQuantity = quantity(None, "rad", "highest twist of the string, either way", above=0)
+    highest_twist: OptionalQuantity = quantity(None, "rad", "highest twist of the string in both directions", above=0)
     soft_limits: bool = True
-    violation_cost: Quantity = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
-    torque_process_noise: Quantity = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
+    violation_cost: Quantity = quantity(1e3, "1", "cost of exceeding a limit of speed or twist by one scale", above=0)
+    torque_process_noise: Quantity = quantity(
+        2000.0, "N m s^-1/2", "standard deviation of the change of the bit torque in one second", above=0
+    )
     drive_process_noise: Quantity = quantity(
-        400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0
+        400.0, "N m s^1/2", "intensity of the white noise that represents errors of torque and inertia of the drive", at_least=0
     )
     fallback_time: Quantity = quantity(
         5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0

@@ -314,7 +314,7 @@ def drive_page() -> str:
     """The page of the drive table: the text of `drive_table.md.in` with the tables of `drives.csv`, which `python -m studies drives --out docs` writes."""
     with (FOLDER / "drives.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    heads = ["controller", *GROUPS, "disk margin", "recovery", "bit", "tuned with"]
+    heads = ["controller", *GROUPS, "disk margin", "recovery time", "max bit speed", "tuned with"]
     lines, last = [], ""
     for row in sorted(rows, key=lambda row: DRIVE_KINDS.index(_drive_kind(row))):
         if (kind := _drive_kind(row)) != last:
@@ -356,7 +356,7 @@ def _both_units(row: Mapping[str, str], group: str) -> str:
     return told if told == "none / none" else f"{told} rpm<br>{' / '.join(_cell(row, name) for name in names)}"
 
 
-DRIVE_KINDS = ("As delivered", "Tuned", "Lifting their set-point")
+DRIVE_KINDS = ("As delivered", "Tuned", "With a lift of the set-point")
 """The parts of the drive table."""
 
 
@@ -368,7 +368,16 @@ def _well_lines() -> list[str]:
     """The table of wells, from `docs/wells.csv`, which `python -m studies wells --out docs` writes."""
     with (FOLDER / "wells.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    heads = ["well", "law", "nominal", "one_at_a_time", "disk margin", "recovery", "bit", "what fails 0.1 lower, one_at_a_time, takeover"]
+    heads = [
+        "well",
+        "controller",
+        "nominal",
+        "one_at_a_time",
+        "disk margin",
+        "recovery time",
+        "max bit speed",
+        "first failure 0.1 rad/s lower",
+    ]
     lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
     for row in rows:
         pairs = [f"{_cell(row, f'{name} takeover')} / {_cell(row, f'{name} ramp')}" for name in ("nominal", "one_at_a_time")]

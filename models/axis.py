@@ -67,9 +67,9 @@ class Axis(Component):
     HybridSystem(Axis): 2 states (axis.position, axis.speed); contacts: rail; inputs: axis.force [N]
     """
 
-    mass: Quantity = quantity(1.0, "kg", "mass that moves", above=0)
+    mass: Quantity = quantity(1.0, "kg", "moving mass", above=0)
     force_offset: Quantity = quantity(0.0, "N", "constant force against positive motion")
-    load_sensitivity: Quantity = quantity(0.0, "1/N", "part by which friction grows for each N of load", at_least=0)
+    load_sensitivity: Quantity = quantity(0.0, "1/N", "relative increase of friction per N of load", at_least=0)
     filter_time: Quantity = quantity(0.01, "s", "time constant of the filter of the measured speed", above=0)
     friction: FrictionLaw = Viscous(Coulomb(1.0, 1.0), 1.0)
     has_load: bool = False
@@ -104,9 +104,9 @@ class Joint(Component):
     HybridSystem(Joint): 2 states (joint.angle, joint.speed); contacts: bearing; inputs: joint.torque [N m]
     """
 
-    inertia: Quantity = quantity(0.1, "kg m2", "inertia that turns", above=0)
+    inertia: Quantity = quantity(0.1, "kg m2", "rotating inertia", above=0)
     torque_offset: Quantity = quantity(0.0, "N m", "constant torque against positive motion")
-    load_sensitivity: Quantity = quantity(0.0, "1/(N m)", "part by which friction grows for each N m of load", at_least=0)
+    load_sensitivity: Quantity = quantity(0.0, "1/(N m)", "relative increase of friction per N m of load", at_least=0)
     filter_time: Quantity = quantity(0.01, "s", "time constant of the filter of the measured speed", above=0)
     friction: FrictionLaw = Viscous(Coulomb(0.1, 0.1), 0.1)
     has_load: bool = False

@@ -103,7 +103,7 @@ class BristleContact(Component):
     """
 
     n: int = 16
-    shares: OptionalQuantities = quantity(None, "1", "parts of the load, one per bristle; none for a parabolic contact", above=0)
+    shares: OptionalQuantities = quantity(None, "1", "fractions of the load, one per bristle; None for a parabolic contact", above=0)
     load: Quantity = quantity(10.0, "N", "normal load", above=0)
     stiffness: Quantity = quantity(1e6, "N/m", "tangential stiffness of all bristles (assumed)", above=0)
     friction: Quantity = quantity(0.35, "1", "coefficient of friction", above=0)

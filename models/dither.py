@@ -14,22 +14,31 @@ from toolbox.authoring import halved, number
 
 
 def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float:
-    """Compute the mean coefficient of friction of a contact whose slip is v + B sin t, (1 / 2 pi) int mu(v + B sin t) dt
-    over a period, with the sign of v.
+    """Compute the mean coefficient of friction of a contact under fast dither.
 
-    Dry friction whose slip changes direction in every period acts like viscous drag. Coulomb's law gives mu_k (2 /
-    pi) arcsin(v / B) for |v| < B and mu_k beyond; the bound at rest has no influence. Range: dither so fast that v
-    hardly changes in a period, and a contact that does not rest when the slip changes direction. The integral is
-    Gauss-Legendre quadrature between the changes of direction: exact to round-off for constant friction, with a
-    relative error below 1e-8 for decays up to about 30 / B, and below 1e-4 across the kinks of a table. Source:
-    textbook; J. J. Thomsen, A. Fidlin (2003).
+    The slip speed is v + B sin t. The result is the mean over a period, (1 / 2 pi) int mu(v + B sin t) dt, with the
+    sign of v.
+
+    Dry friction whose slip changes direction in every period acts like viscous drag. For Coulomb friction the result is
+    mu_k (2 / pi) arcsin(v / B) if |v| < B, else mu_k. The static friction has no influence.
+
+    Range of validity: the dither is so fast that v hardly changes in a period, and the contact does not rest when the
+    slip changes direction.
+
+    Accuracy: the integral is computed by Gauss-Legendre quadrature between the changes of direction.
+
+    - Constant friction: exact to round-off.
+    - Exponential decays up to about 30 / B: relative error below 1e-8.
+    - Tables with kinks: relative error below 1e-4.
+
+    Source: textbook; J. J. Thomsen, A. Fidlin (2003).
 
     Parameters
     ----------
     law
         The friction law.
     speed
-        Mean slip v.
+        Mean slip speed v.
     amplitude
         Velocity amplitude B >= 0 of the dither, in the unit of v.
 
@@ -73,13 +82,17 @@ class TangentialDither(NamedTuple):
 
 
 def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency: float, *, drag: float = 0.0) -> TangentialDither:
-    """Find the smallest dither along the slip under which friction no longer falls with speed at the mean slip v.
+    """Find the smallest dither along the slip under which friction no longer falls with speed at the mean slip speed v.
 
         N d mu_eff/dv (v; B) + drag >= 0,    mu_eff as in `averaged_friction`,    force = 2 pi frequency B / A
 
-    N is the load of the contact at rest and at the defaults of the inputs, A the acceleration of its slip per unit of
-    force. Constant kinetic friction needs no dither: B = 0. For falling friction B is close to v, because the slip
-    must change direction in every cycle. B is found to a relative 1e-3 between 0.01 v and 100 v.
+    B is the velocity amplitude of the dither. N is the load of the contact at rest and with the default inputs. A is
+    the acceleration of the slip per unit of force.
+
+    - Constant kinetic friction needs no dither: B = 0.
+    - For falling friction B is close to v, because the slip must change direction in every cycle.
+
+    B is found with a relative error of 1e-3, between 0.01 v and 100 v.
 
     Parameters
     ----------
@@ -88,11 +101,11 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     contact
         Name of the contact.
     slip
-        Mean slip v > 0.
+        Mean slip speed v > 0.
     frequency
         Frequency of the dither [Hz], far above the frequencies to which the plant responds.
     drag
-        Viscous drag that helps, of the slip against the force of the contact.
+        Viscous drag that acts in addition to the friction [force of the contact per unit of slip speed].
 
     Returns
     -------

@@ -100,7 +100,7 @@ class DragBit(Component):
     bit_geometry_number: Quantity = quantity(1.0, "1", "bit geometry number gamma", at_least=0)
     flat_length: Quantity = quantity(1.2e-3, "m", "length l of the wear flats of all blades", at_least=0, typical_range=(1e-5, 0.1))
     flat_stress: Quantity = quantity(60e6, "Pa", "contact stress sigma under the wear flats", at_least=0, typical_range=(1e5, 1e10))
-    engagement_depth: Quantity = quantity(1e-5, "m", "depth of cut from which the wear flats carry in full (assumed)", above=0)
+    engagement_depth: Quantity = quantity(1e-5, "m", "depth of cut above which the wear flats carry their full load (assumed)", above=0)
     blades: int = 4
     nodes: int = 16
     has_prescribed_speed: bool = False

@@ -176,7 +176,7 @@ class OutletRCR(Component):
     """
 
     proximal: Quantity = quantity(1e6, "Pa s/m3", "resistance R_p before the capacitor", at_least=0)
-    distal: Quantity = quantity(1e7, "Pa s/m3", "resistance R_d after it", above=0)
+    distal: Quantity = quantity(1e7, "Pa s/m3", "resistance R_d after the capacitor", above=0)
     compliance: Quantity = quantity(1e-7, "m3/Pa", "compliance C", above=0)
 
     def equations(self, signal):

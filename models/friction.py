@@ -107,7 +107,9 @@ class SmoothStepFriction(_Falling):
     [0.3, 0.281, 0.195]
     """
 
-    static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0, source="Aarsnes and Shor (2018)")
+    static: Quantity = quantity(
+        0.3, "1", "static coefficient, and coefficient below the drop", at_least=0, source="Aarsnes and Shor (2018)"
+    )
     kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0, source="Aarsnes and Shor (2018)")
     transition_speed: Quantity = quantity(
         1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)"
@@ -135,7 +137,9 @@ class StepFriction(_Falling):
     the block sticks for 25% of the time
     """
 
-    static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0, source="Aarsnes and Shor (2018)")
+    static: Quantity = quantity(
+        0.3, "1", "static coefficient, and coefficient below the drop", at_least=0, source="Aarsnes and Shor (2018)"
+    )
     kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0, source="Aarsnes and Shor (2018)")
     drop_speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)")
 
@@ -313,7 +317,7 @@ class Viscous(FrictionLaw):
     """
 
     dry: FrictionLaw = Coulomb()
-    viscous: Quantity = quantity(0.1, "s/m", "viscous coefficient (s/rad where the contact turns)", at_least=0)
+    viscous: Quantity = quantity(0.1, "s/m", "viscous coefficient (s/rad for rotation)", at_least=0)
 
     def sliding(self, speed, *beyond):
         return self.dry.sliding(speed, *beyond) + self.viscous * speed

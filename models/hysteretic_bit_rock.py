@@ -87,10 +87,10 @@ class HystereticBitRock(Component):
         0.155575, "m", "radius of the bit", above=0, typical_range=(0.01, 1.0), source="Navarro-Lopez and Cortes (2007)"
     )
     hysteresis_fraction: Quantity = quantity(
-        0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1
+        0.2, "1", "half of the distance of the branches as a fraction of the torque (assumed)", at_least=0, at_most=1
     )
     hysteresis_steepness: OptionalQuantity = quantity(
-        None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0
+        None, "s2/rad", "steepness of the change between the branches; None for the switched form", at_least=0
     )
     friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)
 
@@ -141,10 +141,10 @@ class SmoothHystereticBitRock(SmoothBitRock):
     """
 
     hysteresis_fraction: Quantity = quantity(
-        0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1
+        0.2, "1", "half of the distance of the branches as a fraction of the torque (assumed)", at_least=0, at_most=1
     )
     hysteresis_steepness: OptionalQuantity = quantity(
-        None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0
+        None, "s2/rad", "steepness of the change between the branches; None for the switched form", at_least=0
     )
 
     def equations(self, signal):

@@ -76,7 +76,7 @@ class WhirlingCollar(Component):
     wall_damping: Quantity = quantity(1000.0, "N s/m", "damping c_s of an elastic wall", at_least=0)
     restitution: OptionalQuantity = quantity(None, "1", "restitution of a rigid wall", at_least=0, at_most=1)
     friction: FrictionLaw = Coulomb(static=0.35, kinetic=0.35)
-    weight: OptionalQuantity = quantity(None, "N", "weight on bit where no rock says it", at_least=0, typical_range=(500.0, 5e6))
+    weight: OptionalQuantity = quantity(None, "N", "weight on bit if no rock gives it", at_least=0, typical_range=(500.0, 5e6))
 
     def check(self):
         if not self.inner_diameter < self.outer_diameter < self.hole_diameter:

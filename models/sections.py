@@ -243,12 +243,16 @@ JOINT_COLUMNS = {"outer": "tool joint OD", "inner": "tool joint ID", "length": "
 def read_sections(path: str | Path) -> tuple[Section, ...]:
     r"""Read the sections of a drill string from a CSV or TOML table, top first.
 
-    Columns are `length [m]`, or `from [m]` and `to [m]` (measured depths, without gaps); `OD [m]`, `ID [m]`;
-    `material` (a name of MATERIALS), or `density [kg/m3]` and `shear modulus [Pa]`; and optionally `name`. An API
-    drill pipe may have its `nominal weight [lb/ft]` instead of `ID`. `weight [lb/ft]` is the weight in air of pipe
-    with upsets and tool joints. `tool joint OD [in]`, `tool joint ID [in]`, `tool joint length [in]` and `joint
-    length [ft]` describe the tool joints. Cells of these five columns may be empty. Units may differ, and the order
-    of columns is free.
+    Columns:
+
+    - `length [m]`; or `from [m]` and `to [m]`, measured depths without gaps.
+    - `OD [m]` and `ID [m]`. An API drill pipe may have `nominal weight [lb/ft]` instead of `ID`.
+    - `material`, a name of MATERIALS; or `density [kg/m3]` and `shear modulus [Pa]`.
+    - `name` (optional).
+    - `weight [lb/ft]` (optional): weight in air of pipe with upsets and tool joints.
+    - `tool joint OD [in]`, `tool joint ID [in]`, `tool joint length [in]` and `joint length [ft]` (optional).
+
+    Cells of the last five columns may be empty. Other units are possible, and the order of columns is free.
 
     Parameters
     ----------

@@ -13,17 +13,20 @@ from toolbox.authoring import whole
 
 
 def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: float = 0.0, bit_inertia: float = 0.0) -> np.ndarray:
-    """Compute the first natural frequencies of a shaft of uniform sections with a rigid inertia at each end, without the
-    rigid rotation.
+    """Compute the first natural frequencies of a shaft of uniform sections with a rigid inertia at each end.
 
-    The shape y = (angle, torque / (zeta w)) turns by w L / c in a section of wave speed c and impedance zeta. At a
-    change of zeta the torque is continuous. So the angle of y, which begins at atan(w J_top / zeta), grows with w,
-    and w is a natural frequency if
+    The rigid rotation of the whole shaft is not included.
+
+    Method: the vector y = (angle, torque / (zeta w)) rotates by w L / c along a section of length L, wave speed c and
+    impedance zeta. Where zeta changes the torque is continuous. The angle of y begins at atan(w J_top / zeta) and grows
+    with w. w is a natural frequency if
 
         angle(w) + atan(w J_bit / zeta) = k pi
 
-    The transcendental equation of the stepped shaft is equivalent, but in this form no root can be missed. Accuracy:
-    round-off. Source: textbook (transfer matrices in the phase form of Pruefer).
+    This form is equivalent to the transcendental equation of the stepped shaft, but no root can be missed. Accuracy:
+    round-off.
+
+    Source: textbook (transfer matrices in the phase form of Pruefer).
 
     Parameters
     ----------
@@ -32,7 +35,7 @@ def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: f
     count
         Number of frequencies.
     top_inertia, bit_inertia
-        Inertias at the ends [kg m2]. Infinity clamps an end.
+        Inertias at the ends [kg m2]. An infinite inertia is a clamped end.
 
     Returns
     -------
@@ -42,7 +45,7 @@ def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: f
     Raises
     ------
     SceneError
-        If there is no section, the count is no whole number, or an inertia is below 0.
+        If there is no section, the count is not an integer, or an inertia is below 0.
 
     Examples
     --------

@@ -466,26 +466,34 @@ def torque_drag_operations(
     overpull: Annotated[NumberOrText, "N"] = 0.0,
     display_units: Mapping[str, str] | None = None,
 ) -> TorqueDragOperations:
-    """Compute torque and drag of a string in the operations of a rig: rotating on and off bottom, picking up, slacking off,
-    sliding with weight on bit and, with an overpull, pulling on a stuck bit.
+    """Compute torque and drag of a string in the usual operations of a rig.
+
+    The operations are: rotating on bottom and off bottom, picking up, slacking off, sliding with weight on bit and, if
+    an overpull is given, pulling on a stuck bit.
 
     Parameters
     ----------
-    sections, survey, friction, mud_density
-        As for `torque_drag`: the string, its borehole, friction factors by depth, density of the mud [kg/m3].
+    sections
+        Sections of the string, top first, or the path of a table that `read_sections` reads.
+    survey
+        Survey of the borehole, or the path of a table that `read_survey` reads.
+    friction
+        Friction factor between string and borehole [1], or pairs (depth, factor) from the top, as for `torque_drag`.
+    mud_density
+        Density of the mud for buoyancy [kg/m3].
     weight_on_bit
         Weight on bit on bottom [N].
     bit_torque
         Torque on bit on bottom [N m].
     overpull
-        Tension at a stuck bit [N]; 0 leaves this operation out.
+        Tension at a stuck bit [N]. 0 leaves this operation out.
     display_units
-        {unit: unit in which tables show it}.
+        {SI unit: unit in which tables show it}.
 
     Returns
     -------
     TorqueDragOperations
-        Hook load, drag and torque of every operation; `found.plot()` draws them over depth.
+        Hook load, drag and torque of every operation. `plot()` draws them over depth.
 
     Raises
     ------

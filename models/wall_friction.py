@@ -122,36 +122,43 @@ def string_on_wall(
     friction: FrictionLaw,
     top_drive: bool = False,
 ) -> ContactProblem:
-    """Return a string with dry friction against the wall of its borehole at every mass, for
-    `toolbox.contacts.step_contacts`.
+    """Return a string with dry friction against the wall of its borehole at every mass, for `toolbox.contacts.step_contacts`.
 
-    Axial and rotational slip share one friction cone.
+    Axial sliding and rotation share one friction cone at every mass.
 
-    Inputs: `hook.speed` [m/s], downwards, and `top.speed` [rad/s] at which hook and top drive move; `bit.weight` [N]
-    and `bit.torque` [N m] against the last mass. Outputs, relative to hook and top drive: `axial.i` [m], `twist.i`
-    [rad], i from 0. The hook load is the weight of the string minus stiffness[0] times `axial.0`. The torque of the
-    top drive is -stiffness[0] times `twist.0`.
+    Inputs:
 
-    The run is written in the frame of hook and top drive, in which the borehole moves. This is exact while their
-    speeds are constant. While their speeds change, the inertial forces of this frame are missing. With `top_drive`
-    the first inertia of `torsional` turns under the input `top.torque` [N m] instead of `top.speed`, with its
-    `top_drag`, and the angles of both ends are the outputs `top` and `bit` [rad]: controllers measure `top.speed` and
-    drive `top.torque`. The drags of the chains (`drag`, `bit_drag`) and their friction are not used.
+    - `hook.speed` [m/s], positive downwards, and `top.speed` [rad/s]: speeds of hook and top drive.
+    - `bit.weight` [N] and `bit.torque` [N m]: load against the last mass.
+
+    Outputs, relative to hook and top drive:
+
+    - `axial.i` [m] and `twist.i` [rad], i from 0.
+    - The hook load is the weight of the string minus stiffness[0] times `axial.0`.
+    - The torque of the top drive is -stiffness[0] times `twist.0`.
+
+    With `top_drive` the first inertia of `torsional` is driven by the input `top.torque` [N m], with its `top_drag`, in
+    place of `top.speed`. The angles of both ends are then the outputs `top` and `bit` [rad], and controllers measure
+    `top.speed` and give `top.torque`.
+
+    The equations are written in the frame of hook and top drive, in which the borehole moves. This is exact while their
+    speeds are constant. While their speeds change, the inertial forces of this frame are missing. The fields `drag` and
+    `bit_drag` of the chains and their friction are not used.
 
     Parameters
     ----------
     axial
         n masses behind hoisting lines (no `hook_load`).
     torsional
-        n + 1 inertias, of which the first is the top drive. The others belong to the masses in order.
+        n + 1 inertias. The first is the top drive. The others belong to the masses in order.
     radius
         Radius of the surface that touches the wall [m].
     loads
-        Side forces on the wall [N], shape (n,), 0 for none but at least one > 0.
+        Side forces on the wall [N], shape (n,). 0 for no contact, but at least one must be > 0.
     friction
         The friction law.
     top_drive
-        Whether the top drive is an inertia under a torque. By default it moves at `top.speed`.
+        Whether the top drive is an inertia under a torque. By default it moves at the speed `top.speed`.
 
     Returns
     -------
@@ -235,12 +242,12 @@ class StringOnWall(ContactBody):
     mass: Quantities = quantity(unit="kg", meaning="masses behind the hoisting lines, top first", above=0)
     axial_stiffness: Quantities = quantity(unit="N/m", meaning="stiffness of the hoisting lines, then between masses", at_least=0)
     axial_damping: Quantities = quantity(unit="N s/m", meaning="damping beside every axial stiffness", at_least=0)
-    inertia: Quantities = quantity(unit="kg m2", meaning="that of the top drive, then one for every mass", above=0)
+    inertia: Quantities = quantity(unit="kg m2", meaning="inertia of the top drive, then one inertia for every mass", above=0)
     stiffness: Quantities = quantity(unit="N m/rad", meaning="stiffness between inertias", at_least=0)
     damping: Quantities = quantity(unit="N m s/rad", meaning="damping between inertias", at_least=0)
-    radius: Quantity = quantity(unit="m", meaning="of the surface that touches the wall", above=0)
+    radius: Quantity = quantity(unit="m", meaning="radius of the surface that touches the wall", above=0)
     loads: Quantities = quantity(unit="N", meaning="side force on the wall at every mass", at_least=0)
-    top_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the top drive, where it is an inertia", at_least=0)
+    top_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the top drive, if the top drive is an inertia", at_least=0)
     top_drive: bool = False
     friction: FrictionLaw = Coulomb(0.3, 0.3)
 

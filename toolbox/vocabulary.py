@@ -454,7 +454,30 @@ def now_or_near(place: str, word: str, known: Iterable[str]) -> str:
 
 
 def new_names_only(function: Callable[Arguments, Found]) -> Callable[Arguments, Found]:
-    """Let a function refuse the former names of its arguments with the names now."""
+    """Return a function that refuses the former names of its arguments with the names now.
+
+    Parameters
+    ----------
+    function
+        Function whose renamed arguments have entries in the vocabulary, under the name of the function.
+
+    Returns
+    -------
+    function
+        The function, with this check before each call.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import new_names_only
+    >>> @new_names_only
+    ... def hopf_curve(second_parameter):
+    ...     return 2 * second_parameter
+    >>> hopf_curve(second_parameter=3)
+    6
+    >>> hopf_curve(over=3)
+    Traceback (most recent call last):
+    toolbox.errors.SceneError: Argument `over` of `hopf_curve` is now `second_parameter`.
+    """
 
     @functools.wraps(function)
     def checked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Found:

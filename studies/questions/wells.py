@@ -206,7 +206,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     def said(value: Any, form: str) -> str:
         return f"{value:{form}}" if value == value else "none"
 
-    lines = [("well", "law", *GROUPS, "disk margin", "recovery", "bit", "what fails below on one_at_a_time")]
+    lines = [("well", "controller", *GROUPS, "disk margin", "recovery", "bit", "what fails below on one_at_a_time")]
     for each in rows:
         pairs = [" / ".join(said(each[f"{name} {way}"], ".1f") for way in PROTOCOLS if f"{name} {way}" in each) for name in GROUPS]
         margins = f"{said(each['disk margin'], '.2f')} / {said(each['disk margin, one_at_a_time'], '.2f')}"

@@ -57,7 +57,7 @@ def test_a_coast_down_and_a_sine_and_steps_together_give_the_joint():
     assert off(found, TRUTH) == [] and found.white
     assert all(found.standard_errors[found.names.index(name)] < 1e-3 * value for name, value in TRUTH.items())
     assert "raise the force slowly" in found.untold["bearing.friction.dry.static"]
-    speed, middle, low, high = found.curve
+    speed, middle, _, high = found.curve
     right = np.sign(speed) * (0.3 + 0.05 * np.abs(speed))
     assert (np.abs(right - middle) < 2.0 * (high - middle)).all()  # four standard errors, as in `off`: all speeds are off together
     assert np.abs(found.points[1] - np.sign(found.points[0]) * (0.3 + 0.05 * np.abs(found.points[0]))).max() < 0.05
@@ -110,13 +110,13 @@ def test_two_files_and_one_command_give_the_friction_curve(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "bearing.friction.viscous" in said and "rpm" in said  # the unit of the log
     assert {path.name for path in out.iterdir()} >= {
-        "identification.txt",
-        "identification.csv",
-        "identification.npz",
+        "identify.txt",
+        "identify.csv",
+        "identify.npz",
         "friction.png",
         "residuals.png",
     }
-    found = Identification.load(out / "identification.npz")
+    found = Identification.load(out / "identify.npz")
     assert off(found, TRUTH) == [] and found.untold
 
 

@@ -124,7 +124,8 @@ class MySlidingBlock(ContactBody):
 
     def problem(self):
         one = np.eye(1)
-        return ContactProblem(self.mass * one, 0 * one, one[None], self.friction, load=[self.load], force_inputs={"block.force": [1.0]}, outputs={"block": [1.0]})
+        ends = {"force_inputs": {"block.force": [1.0]}, "outputs": {"block": [1.0]}}
+        return ContactProblem(self.mass * one, 0 * one, one[None], self.friction, load=[self.load], **ends)
 """
 
 

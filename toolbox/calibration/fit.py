@@ -58,10 +58,13 @@ def fit(
 ) -> Fit:
     """Estimate parameters of a machine, with confidence intervals, from measured signals.
 
-    Measured signals that are inputs of the plant drive the simulation, linear between samples or held. All others are
-    compared with the simulation by nonlinear least squares. A simulation that sticks and slips for many cycles has
-    many poor optima: give a window of a few cycles, and ranges. Source: G. A. F. Seber, C. J. Wild, Nonlinear
-    Regression, Wiley 1989.
+    Measured signals that are inputs of the plant drive the simulation. All other measured signals are compared with the
+    simulation by nonlinear least squares.
+
+    A simulation that sticks and slips for many cycles has many local optima. Therefore give a window of a few cycles,
+    and ranges.
+
+    Source: G. A. F. Seber, C. J. Wild, Nonlinear Regression, Wiley 1989.
 
     Parameters
     ----------
@@ -72,18 +75,21 @@ def fit(
     columns
         {signal: column of the log}. By default columns have the names of signals. `Recording.of` describes the forms.
     free
-        Names of the unknowns, any numbers of the loop: parameters (`bit.friction.static`), constant inputs
-        (`top.torque`), start values (`bit.speed`, `chain.twist.0`) and others. Also shifts in time, by which a
-        channel was written too late: `bit.speed.shift` of one signal, `bit.shift` of all measured signals of `bit`
-        that are no inputs. Each search begins at the values in the loop, and at no shift.
+        Names of the unknowns. Each search begins at their values in the loop, and at zero shift. They are any numbers
+        of the loop:
+
+        - parameters (`bit.friction.static`), constant inputs (`top.torque`), start values (`bit.speed`,
+          `chain.twist.0`) and others;
+        - time shifts by which a channel was recorded too late: `bit.speed.shift` of one signal, or `bit.shift` of all
+          measured signals of `bit` that are no inputs.
     ranges
-        {name: (low, high)}. By default the bounds that the part declares; for a shift 5 s or a tenth of the data.
-        With a shift, samples that are this close to the ends of the data are not compared.
+        {name: (low, high)}. By default the bounds that the part declares. For a shift by default 5 s or a tenth of the
+        data. Samples that are closer than this to the ends of the data are then not compared.
     contact
         Name of a contact, or a `MeasuredContact` with the speed from which on it slips. The friction law of this
-        contact is then fitted directly to measured force at measured slip, without simulation. The slip must be
-        measured well, because its noise is not modelled. A friction law with memory is integrated along the slip, of
-        which the speed or the distance is measured; its start, such as `belt.deflection`, may be free.
+        contact is then fitted directly to measured force and measured slip, without simulation. The slip must be
+        measured well, because its noise is not modelled. A friction law with memory is integrated along the slip, whose
+        speed or distance is measured. Its start value, such as `belt.deflection`, may be free.
     window
         Times (begin, end) [s] of the data that are used. Or several windows that are fitted together, each as a
         `Window` if it has numbers of its own. By default all data.
@@ -95,8 +101,8 @@ def fit(
         Confidence level of the intervals.
     zero_order_hold
         Names of measured inputs that keep the value of a sample until the next one (zero-order hold), such as the
-        commands of a digital drive; () for none. By default the data decide: an input is held if the outputs say so by
-        odds of 150 to 1 or more. Else it is a straight line between samples.
+        commands of a digital drive; () for none. All other inputs are interpolated linearly. By default the data
+        decide: an input is held if the outputs support this with odds of at least 150 to 1.
 
     Returns
     -------

@@ -102,7 +102,7 @@ class MeasuredContact(Renamed):
     Examples
     --------
     >>> from toolbox.calibration import MeasuredContact
-    >>> print(MeasuredContact("bit", still=0.05).still)
+    >>> print(MeasuredContact("bit", standstill_speed=0.05).standstill_speed)
     0.05
     """
 

@@ -13,7 +13,7 @@ from toolbox.commands.recording import results
 from toolbox.commands.terminal import drawn_as, earlier, figure_format, held_of, hold_argument, log_arguments, pairs, plain, show
 from toolbox.errors import SceneError
 
-FILES = ("identification.txt", "identification.csv", "identification.npz", "friction.png", "residuals.png")
+FILES = ("identify.txt", "identify.csv", "identify.npz", "friction.png", "residuals.png")
 
 
 def add(commands: Any) -> None:
@@ -74,7 +74,7 @@ def run(given: argparse.Namespace) -> int:
                 f"Argument `--number` must name a number of {given.plant}: {', '.join(n for n in units if units[n])}; but it is `{name}`."
             )
         values[name] = number(f"--number {name}", plain(text), units[name])
-    with results(given, drawn_as(FILES, given.format), earlier("identification.txt", "^Fit of ", FILES)) as folder:
+    with results(given, drawn_as(FILES, given.format), earlier("identify.txt", "^Fit of ", FILES)) as folder:
         found = identify(
             [*given.data],
             kind(**values),
@@ -87,9 +87,9 @@ def run(given: argparse.Namespace) -> int:
         )
         given.found = found
         if folder is not None:
-            (folder / "identification.txt").write_text(f"{found}\n", encoding="utf-8")
-            found.save(folder / "identification.csv")
-            found.save(folder / "identification.npz")
+            (folder / "identify.txt").write_text(f"{found}\n", encoding="utf-8")
+            found.save(folder / "identify.csv")
+            found.save(folder / "identify.npz")
             figures.draw_found(found, "Friction over speed", folder / f"friction.{given.format}")
             figures.draw_found(_Residuals(found), "Measured and model", folder / f"residuals.{given.format}")
     show(str(found))

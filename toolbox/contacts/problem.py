@@ -74,7 +74,7 @@ class ContactProblem(Renamed):
     >>> from models import Coulomb
     >>> from toolbox.contacts import ContactProblem, press_contacts
     >>> down, along = np.array([[1.0, 0.0]]), np.array([[[0.0, 1.0]]])
-    >>> block = ContactProblem(np.eye(2), np.diag([0.0, 100.0]), along, Coulomb(0.5, 0.5), normal=down, forces={"press": down[0]})
+    >>> block = ContactProblem(np.eye(2), np.diag([0.0, 100.0]), along, Coulomb(0.5, 0.5), normal=down, force_inputs={"press": down[0]})
     >>> print(press_contacts(block, {"press": 20.0}).normal[0], "N")
     [20.] N
     """

@@ -54,9 +54,10 @@ CALM_STRING = (
 
 
 class Detector:
-    """Whether the bit sticks and slips, from estimates one after the other.
+    """Detector of stick-slip, from a sequence of estimates.
 
-    It begins with a swing nearly as large as the mean speed in which half of the members stuck, and ends where the swing has become small.
+    Stick-slip begins when the speed range is nearly as large as the mean speed and half of the members have stuck. It
+    ends when the range has become small.
     """
 
     def __init__(self) -> None:
@@ -84,8 +85,8 @@ class Estimates(Told, Result):
         Of the samples [s], shape (nt,).
     mean, deviation
         {"bit_speed", "bit_torque", "rock_strength", "severity" or "onset_margin": values in SI, shape (nt,)}; nan where nothing is known. The
-        onset margin is the mean bit speed over the border below which smooth running is lost; it is nan while the bit sticks and slips. Severity and margin are nan where ensemble and torque
-        disagree on stick-slip.
+        onset margin is the mean bit speed over the border below which smooth running is lost; it is nan while the bit sticks
+        and slips. Severity and margin are nan if ensemble and torque disagree on stick-slip.
     stick_slip
         Whether there is stick-slip, by ensemble and torque, shape (nt,).
     source

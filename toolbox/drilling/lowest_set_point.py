@@ -92,32 +92,36 @@ def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
 
 @dataclass(frozen=True)
 class SetPointLimit(Renamed):
-    """The lowest set-point of a controller on a group of plants, with the cost of a recovery there.
+    """Lowest set-point of a controller on a group of plants, with the cost of a recovery there.
 
     Attributes
     ----------
     lowest_set_point
-        Lowest set-point [rad/s]; nan where none is held.
+        Lowest successful set-point [rad/s]. nan if no set-point is successful.
     why
-        Which run fails one step below it, or at the highest set-point where none is held.
+        The run that fails one step below it, or at the highest set-point if no set-point is successful.
     highest_set_point
-        Highest set-point that holds [rad/s], where the law fails again above it; nan where nothing that was tried above does.
+        Highest successful set-point [rad/s], if the controller fails again above it. Else nan.
     time_above_setpoint
-        Largest share of half an hour after the recovery with the top 10 % above what is asked [1].
+        Largest fraction of half an hour after the recovery in which the top is more than 10 % above the set-point [1].
     recovery_time
-        Longest time before that with the top so far above [s]; of a raised set-point that includes the raising.
+        Longest time before this with the top so far above the set-point [s]. With a raised set-point it includes the
+        time of raising.
     max_bit_speed, max_torque
         Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
     max_lifts, relapses_per_hour
-        Most lifts from the takeover on, and most an hour after the recovery, for a law that lifts its set-point.
+        Largest number of raises from the takeover on, and largest number per hour after the recovery, for a controller
+        that raises its set-point.
     max_weight_relief
-        Largest mean share of the weight that is taken off, for a law that does so [1].
+        Largest mean fraction of the weight that is removed, for a controller that does so [1].
     growth_rate
-        Largest rate at which a small disturbance of smooth running grows on a machine [1/s]; below 0 it dies.
+        Largest growth rate of a small disturbance of smooth running on any plant [1/s]. Negative if the disturbance
+        decays.
     disk_margin, disk_margin_nominal
-        Smallest disk margin over the machines of the group, and that of the declared one, at that set-point [1]; nan for a law without a slope.
+        Smallest disk margin at this set-point over the plants of the group, and disk margin of the nominal plant [1].
+        nan for a controller without a slope.
     weakest_plant
-        The machine with the smallest.
+        The plant with the smallest disk margin.
     """
 
     lowest_set_point: float
@@ -379,15 +383,19 @@ def lowest_set_point(
     callback: Callable[[str], None] | None = None,
     executor: concurrent.futures.Executor | None = None,
 ) -> LowestSetPoints:
-    """Find the lowest set-point at which a controller ends existing stick-slip, on the nominal drill string and on
-    others.
+    """Find the lowest set-point at which a controller ends existing stick-slip, on the nominal drill string and on groups of other strings.
 
-    The initial controller has the string in stick-slip at the set-point. Then the controller of the loop takes over
-    at 8 phases of this cycle. In the protocol `takeover` the set-point stays as it is; in the protocol `ramp` it is
-    raised to 12 rad/s and lowered again. The takeover succeeds if, 80 s later, the bit does not stick, the mean speed
-    is within 2 % of the set-point, and the torque neither oscillates nor stays at a limit. The border is found by
-    bisection and confirmed at three set-points above it. At the border it is also confirmed for half an hour, and
-    smooth running must be stable on every plant of the group.
+    Each test begins in the stick-slip that the initial controller has at the set-point. The controller of the loop
+    takes over at 8 phases of this cycle.
+
+    - Protocol `takeover`: the set-point stays constant.
+    - Protocol `ramp`: the set-point is raised to 12 rad/s and lowered again.
+
+    A test succeeds if, 80 s later, three conditions hold: the bit does not stick, the mean speed is within 2 % of the
+    set-point, and the torque neither oscillates nor stays at a limit.
+
+    The border is found by bisection and confirmed at three set-points above it. At the border it is also confirmed by a
+    run of half an hour, and smooth running must be stable on every plant of the group.
 
     Parameters
     ----------
@@ -397,20 +405,26 @@ def lowest_set_point(
     initial_controller
         The controller whose stick-slip is taken over, such as `StiffPI()`. Its `reference` follows the set-point.
     groups
-        Names of groups, or groups of your own: `nominal` (without noise), `noisy` (weight + 10 %, 20 seeds of noise),
-        `one_at_a_time` (one deviation of 10 or 20 % on each plant, and delayed commands), `combined` (three
-        deviations at once), `other_rocks` (half the decay of the friction with speed), `varying_weight` (noise of 2
-        and 5 %, a sine of 5 % at 0.17 Hz, a heave of 10 % at 0.1 Hz, ten time series of each). The noise is the noise
-        of the loop on `top.speed`, or 0.01 rad/s. `other_rocks` is left out for another friction law. Commands come
-        30 ms later on one plant of `one_at_a_time`; `machine_groups(loop, delay=...)` of `toolbox.robustness` gives
-        the groups with another delay.
+        Names of groups, or groups of your own:
+
+        - `nominal`: without noise.
+        - `noisy`: weight + 10 %, 20 seeds of noise.
+        - `one_at_a_time`: one deviation of 10 or 20 % on each plant, and delayed commands.
+        - `combined`: three deviations at once.
+        - `other_rocks`: half the decay of the friction with speed. This group is left out for another friction law.
+        - `varying_weight`: noise of 2 and 5 %, a sine of 5 % at 0.17 Hz, and a heave of 10 % at 0.1 Hz, with ten time
+          series each.
+
+        The noise is the noise of the loop on `top.speed`, else 0.01 rad/s. On one plant of `one_at_a_time` the commands
+        are delayed by 30 ms more. `machine_groups(loop, delay=...)` of `toolbox.robustness` gives the groups with
+        another delay.
     protocols
         `takeover`, `ramp` or both.
     bounds
         Range of set-points [rad/s].
     step
-        Distance of neighbouring set-points [rad/s]. If the highest set-point does not hold, lower set-points are
-        tried in steps of 1 rad/s. So a window of set-points that hold is found if it is wider than 1 rad/s.
+        Distance of neighbouring set-points [rad/s]. If the test fails at the highest set-point, lower set-points are
+        tried in steps of 1 rad/s. So a window of successful set-points is found if it is wider than 1 rad/s.
     long_run
         Whether a border is confirmed for half an hour.
     checkpoint
@@ -418,26 +432,26 @@ def lowest_set_point(
     callback
         Function that is called with a line of text for every new outcome.
     executor
-        Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`), which does the
-        runs at a set-point side by side. By default one thread per core, and one run after the other for a controller
-        in Python.
+        Any `concurrent.futures.Executor`, such as the executor of a Dask client (`client.get_executor()`), which
+        computes the runs at a set-point in parallel. By default one thread per core. For a controller in Python, by
+        default one run after the other.
 
     Returns
     -------
     LowestSetPoints
-        The border of each group and protocol, the reason for failure below it, the disk margins at it, and the cost
-        of the recovery.
+        The border of each group and protocol, the reason for failure below it, the disk margins at it, and the cost of
+        the recovery.
 
     Raises
     ------
     SceneError
-        If the loop is no drill string with one sampled controller, a group or a protocol is unknown, a number is not
+        If the loop is not a drill string with one sampled controller, a group or a protocol is unknown, a number is not
         finite or out of range, or a controller cannot be sent to an executor.
 
     Notes
     -----
-    The numbers hold for the nominal plant, noise and seeds. A controller in Python begins at rest, and is hundreds
-    of times slower.
+    The results hold for the nominal plant, noise and seeds. A controller in Python begins at rest. Its search is
+    hundreds of times slower.
 
     Examples
     --------

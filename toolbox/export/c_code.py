@@ -162,25 +162,26 @@ def _entries(slot: Slot) -> list[tuple[str, ca.SX]]:
 # --------------------------------------------------------------------------------------------------------------------------------- python-control
 @new_names_only
 def to_control(controller: Controller | Sampled | ClosedLoop, *, outputs: str | Sequence[str] | None = None) -> Any:
-    """Return a linear controller as `control.StateSpace`, with its operating point beside the system.
+    """Return a linear controller as a `control.StateSpace` of python-control.
 
         z' = A z + B (y - y0),  u = u0 + C z + D (y - y0)     or     z_(k+1) = A z_k + B (y_k - y0),  u_k = u0 + C z_k + D (y_k - y0)
 
-    Inputs of the system are the measured signals and then the set-points. Outputs are the actuated signals. They have
-    the names that `linearise` gives them. The system describes deviations. `system.law` holds the operating point and
-    the names of the signals in the toolbox, so that `from_control(to_control(controller))` is the controller again.
-    Systems that python-control computes from the system have no `law`. Close the loop with `control.feedback(plant,
-    controller, sign=1)`: a controller gives its output with its sign. Delay, noise and resolution of a `Sampled`
-    controller belong to the machine around it and are not in the system. Multiply the system by 1 / z for every
-    sample of delay, or use `toolbox.margins`, which knows the delay.
+    - The inputs of the system are the measured signals and then the set-points. The outputs are the actuated signals.
+      Their names are the names that `linearise` gives them.
+    - The system describes deviations from the operating point (y0, u0). `system.law` holds the operating point and the
+      signal names of the toolbox, so `from_control(to_control(controller))` is the controller again. Systems that
+      python-control computes from this system have no `law`.
+    - A controller gives its output with its sign, so close the loop with `control.feedback(plant, controller, sign=1)`.
+    - Delay, noise and resolution of a `Sampled` controller are not in the system. Multiply the system by 1 / z for
+      every sample of delay, or use `toolbox.margins`, which includes the delay.
 
     Parameters
     ----------
     controller
-        A loop with one controller, which is designed on its plant, or a controller with all its numbers. `Sampled`
+        A loop with one controller, which is designed on its plant; or a controller with all its numbers. `Sampled`
         gives the sampled form with its period as dt.
     outputs
-        Other signals that the controller computes. By default, for an observer, all estimates that are linear.
+        Additional signals that the controller computes. By default, for an observer, all estimates that are linear.
 
     Returns
     -------
@@ -299,24 +300,26 @@ def export_c(
 
     The code allocates no memory and has no global variables.
 
-    A controller becomes NAME.c and NAME.h, for the control system of a real machine:
+    **A controller** becomes NAME.c and NAME.h, for the control system of a real machine:
 
         void NAME_start(double *memory);
         int NAME_step(const double *y, double *memory, double *u);     0 for success
         void NAME_gains(double *gains);
         int NAME_step_with(const double *gains, const double *y, double *memory, double *u);
 
-    `NAME_step` is called once per sample. It reads the measured signals and the set-points from y and writes the
-    actuated signals to u. The header lists their order, units and defaults. If a command, or a value to be
-    remembered, is no finite number, `NAME_step` returns NAME_NOT_FINITE and changes nothing. `NAME_step_with` does
-    the same with other gains. `NAME_gains` writes the gains of the controller. Gains that Python refuses are refused
-    with NAME_OUTSIDE. `top.torque.held` is the torque that acts until this sample, 0 if no torque acts: the
-    controller takes over from it at its first sample. The memory belongs to the caller. Delays, noise and the hold
-    between samples belong to the machine. A controller that is no casadi expression may write itself, by a method
-    `export_c(c, h, period)` of its design. `LinearMPC` does so, with a solver in a folder NAME_osqp, and has no
-    gains.
+    - Call `NAME_step` once per sample. It reads the measured signals and the set-points from y and writes the actuated
+      signals to u. The header lists their order, units and defaults.
+    - If a command or a value of the memory is not a finite number, `NAME_step` returns NAME_NOT_FINITE and changes
+      nothing.
+    - `NAME_step_with` does the same with other gains. `NAME_gains` writes the gains of the controller. Gains that
+      Python would refuse are refused with NAME_OUTSIDE.
+    - The input `top.torque.held` is the torque that acts until this sample, 0 if no torque acts. At its first sample
+      the controller takes over from this torque (bumpless start).
+    - The caller owns the memory. Delays, noise and the hold between samples belong to the machine.
+    - A controller that is no casadi expression may have a design with a method `export_c(c, h, period)`, which writes
+      the code. `LinearMPC` has one. It adds a solver in a folder NAME_osqp and has no gains.
 
-    A loop, or a plant without controllers, becomes a folder NAME with NAME.c, NAME.h, an example main.c,
+    **A loop**, or a plant without controllers, becomes a folder NAME with NAME.c, NAME.h, an example main.c,
     CMakeLists.txt and README.md, for programs that simulate it:
 
         void NAME_start(NAME *w);
@@ -324,19 +327,20 @@ def export_c(
         int NAME_step(NAME *w, double until);                 to a time; every switch on the way is located
         void NAME_outputs(const NAME *w, double *y);          and modes, events, names
 
-    The code holds the event loop of the toolbox, translated, with explicit steps, and the controllers with their
-    clocks, delays and noise. All that changes is in one struct, so that a copy of the struct is a saved state. A call
-    makes a bounded number of steps and switches, and returns NAME_OVERRUN if more are needed. The run over `duration`
-    is carried out once, to check that it succeeds.
+    - The code contains the event loop of the toolbox with explicit steps, and the controllers with their sample times,
+      delays and noise.
+    - All variables are in one struct, so a copy of the struct is a saved state.
+    - A call makes a bounded number of steps and switches. It returns NAME_OVERRUN if more are needed.
+    - The function runs the loop once over `duration`, to check that the run succeeds.
 
     Parameters
     ----------
     loop
-        A loop with one sampled controller, which is written with its period and the numbers that it takes on the
-        plant. Or, for `part="loop"`, any loop or plant.
+        A loop with one sampled controller, which is written with its period and its numbers on the plant. Or, for
+        `part="loop"`, any loop or plant.
     path
-        For a controller the path of either file, with or without suffix. For a loop the folder. The name of the file
-        or folder is the NAME of the functions.
+        For a controller the path of either file, with or without suffix. For a loop the folder. The name of the file or
+        folder is the NAME of the functions.
     part
         "law" for the controller, or "loop". By default the controller if there is one.
     duration
@@ -353,9 +357,9 @@ def export_c(
     Raises
     ------
     SceneError
-        If NAME is no name in C, or a file cannot be written. For a controller, if the loop holds anything but one
-        sampled Controller, or the controller is no casadi expression. For a loop, if it is stiff, so that it needs
-        implicit steps, or one of its controllers is no casadi expression.
+        If NAME is not a valid name in C, or a file cannot be written. For a controller: if the loop contains anything
+        but one sampled Controller, or the controller is no casadi expression. For a loop: if it is stiff, so that it
+        needs implicit steps, or one of its controllers is no casadi expression.
     SimulationError
         If the run fails.
 

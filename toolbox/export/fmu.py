@@ -37,22 +37,28 @@ def export_fmu(
 ) -> Path:
     """Write a sampled controller, or a plant with its controllers, as NAME.fmu for other simulators.
 
-    A controller becomes a co-simulation unit of FMI 2.0. Its inputs are the measured signals and the set-points, with
-    their defaults as start values. Its outputs are the actuated signals; its memory can be read. The gains are
-    parameters, such as `law.proportional`, and may be changed at any time.
+    **A controller** becomes a co-simulation unit of FMI 2.0.
 
-    A loop, or a plant without controllers, becomes a unit for co-simulation and for model exchange, of FMI 2.0 or
-    3.0, around the C code of `export_c`. Its inputs and parameters can be set at any time, with units, bounds and
-    start values, and its states at the start. Outputs are all states and signals, and the mode of every contact as
-    `<element>.mode`. In co-simulation every switch inside a communication step is located. A value that is set
-    between two steps jumps there. In FMI 3.0 a step returns early at a switch if the importer asks for it. In model
-    exchange every guard is an event indicator, samples of controllers and nodes of tables are time events, and rigid
-    contacts close if a flight would stay below a millionth of the widest gap. Friction in two directions is for
-    co-simulation only. Time begins at the start time of the importer.
+    - Inputs: the measured signals and the set-points, with their defaults as start values.
+    - Outputs: the actuated signals. The memory can be read.
+    - Parameters: the gains, such as `law.proportional`. They may be changed at any time.
 
-    Names and units are the names and units of the signals. Sources and licences are in the file. Calls that are not
-    allowed, such as writing an output, are refused and reported to the logger of the importer. The machine code is
-    for the operating system on which the function runs, and also for Windows if mingw-w64 is installed.
+    **A loop**, or a plant without controllers, becomes a unit for co-simulation and for model exchange, of FMI 2.0 or
+    3.0, around the C code of `export_c`.
+
+    - Inputs and parameters, with units, bounds and start values, can be set at any time. States can be set at the
+      start.
+    - Outputs: all states and signals, and the mode of every contact as `<element>.mode`.
+    - Co-simulation: every switch inside a communication step is located. An input that is set between two steps jumps
+      at this time. In FMI 3.0 a step returns early at a switch if the importer requests it.
+    - Model exchange: every guard is an event indicator. Samples of controllers and nodes of tables are time events. A
+      rigid contact closes if its next flight would stay below a millionth of the widest gap. Friction in two directions
+      is not possible.
+    - Time begins at the start time of the importer.
+
+    Names and units are the names and units of the signals. The file contains sources and licences. Calls that are not
+    allowed, such as writing an output, are refused and reported to the logger of the importer. The machine code is for
+    the present operating system, and also for Windows if mingw-w64 is installed.
 
     Parameters
     ----------
@@ -81,9 +87,9 @@ def export_fmu(
     Raises
     ------
     SceneError
-        If the name is no name in C, the file cannot be written, there is no C compiler (`CC`, or `cc`), or the
-        compiler fails. For a controller, if the loop holds anything but one sampled Controller, or the controller is
-        no casadi expression. For a loop, if it is stiff, or one of its controllers is no casadi expression.
+        If the name is not a valid name in C, the file cannot be written, there is no C compiler (`CC`, or `cc`), or the
+        compiler fails. For a controller: if the loop contains anything but one sampled Controller, or the controller is
+        no casadi expression. For a loop: if it is stiff, or one of its controllers is no casadi expression.
 
     Examples
     --------

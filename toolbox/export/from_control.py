@@ -149,21 +149,22 @@ def from_control(
         by Tustin's rule. A discrete system runs sampled, with its period `dt` (any period if its `dt` is True).
     measured_signals
         Signals that are the inputs of the system, in order, for example "top.speed". A set-point such as
-        "top.reference" may be among them, but not first. By default the signals of the controller from which
-        `to_control` made the system, with the defaults of their set-points.
+        "top.reference" may be among them, but must not be the first. By default the signals of the controller from
+        which `to_control` made the system, with the defaults of their set-points.
     actuated_signals
         Signals that are the outputs of the system, in order, for example "top.torque". By default the signals of the
         controller from which `to_control` made the system.
     reference
-        Set-point, in the unit of the one measured signal, or text such as "60 rpm". The system then sees the error e
-        = reference - y, as K does in the usual loop with negative feedback. The value is the default of the signal
-        `top.reference` (of the measured part), so that a run may change it in time. By default the system sees y
-        itself, and gives its output with its sign, like the systems that `to_control` returns.
+        Set-point, in the unit of the one measured signal, or text such as "60 rpm". The input of the system is then the
+        error e = reference - y, as in the usual loop with negative feedback. The value is the default of the signal
+        `top.reference` (of the measured part), so a run may change it in time. By default the input of the system is y
+        itself, and the output keeps its sign, as for systems from `to_control`.
     at
-        Operating point: {measured or actuated signal: value}, in SI or text with units, 0 for signals that are left
-        out. The system sees deviations of the measured signals from it (if there is no reference), and its output is
-        added to the actuated signals there. By default, if `measured_signals`, `actuated_signals` and `reference` are
-        left out too, the operating point of the controller from which `to_control` made the system.
+        Operating point: {measured or actuated signal: value}, in SI or text with units. The value is 0 for signals that
+        are left out. The inputs of the system are deviations of the measured signals from these values (if there is no
+        reference). The values of the actuated signals are added to its outputs. By default the operating point of the
+        controller from which `to_control` made the system, if `measured_signals`, `actuated_signals` and `reference`
+        are left out too.
 
     Returns
     -------
@@ -173,7 +174,7 @@ def from_control(
     Raises
     ------
     SceneError
-        If the system is improper or no linear system, signals are missing or do not fit its inputs and outputs, or a
+        If the system is improper or not linear, signals are missing or do not fit its inputs and outputs, or a
         reference is given for several measured signals.
 
     Examples

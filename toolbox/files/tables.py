@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from toolbox.errors import SceneError, listed, suggest
+from toolbox.errors import SceneError, joined, suggest
 from toolbox.files.reading import SCENE, text_of
 
 LARGEST = 8 * 2**20
@@ -128,7 +128,7 @@ def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -
             if column.required and column.name not in values:
                 unit = f" [{column.unit}]" if column.unit not in (None, "1") else ""
                 where = f"Table `{path}`" if path.suffix.lower() != ".toml" else f"Table `{path}`, {place},"
-                there = listed(cells)
+                there = joined(cells)
                 raise SceneError(f"{where} must have a column `{column.name}{unit}`, but it has {there}.")
         found.append(_filled(values))
     return Table(path, tuple(found), tuple(place for place, _ in rows), headings)
@@ -241,7 +241,7 @@ def _toml(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
         return []
     key, entries = next(iter(data.items()))
     if len(data) > 1 or not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise SceneError(f"Table `{path}` must be one array of tables such as [[{key}]], but its keys are {listed(data)}.")
+        raise SceneError(f"Table `{path}` must be one array of tables such as [[{key}]], but its keys are {joined(data)}.")
     return [(f"row {row}", entry) for row, entry in enumerate(entries, 1)]
 
 

@@ -73,12 +73,14 @@ class EnergyAudit(Printed):
 
 
 def energy_audit(run: Trajectory) -> EnergyAudit:
-    """Integrate every declared loss and supply of power over a run, and compare them with the stored energy.
+    """Compare the stored energy of a run with the integrals of all declared losses and supplies of power.
 
-    Energies and powers are expressions that the parts declare beside their equations. A residual above the accuracy
-    of the run therefore means that physics and equations of a model disagree, or that a part exchanges power without
-    declaring it. The integrals are Gauss-Legendre with 8 points on every step (order 16, so that the quadrature adds
-    nothing to the error of the run), with the modes and held signals of that step.
+    Energies and powers are expressions that the parts declare beside their equations. A residual above the accuracy of
+    the run therefore means that the energies and the equations of a model disagree, or that a part exchanges power
+    without declaring it.
+
+    The integrals use Gauss-Legendre quadrature with 8 points on every step, with the modes and held signals of the
+    step. Its order is 16, so the quadrature adds nothing to the error of the run.
 
     Parameters
     ----------

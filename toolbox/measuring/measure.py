@@ -24,7 +24,7 @@ from toolbox.measuring.energy import energy_audit as energy_audit
 from toolbox.measuring.energy import gauss
 from toolbox.measuring.severity import Extent, check_definition, severity_of
 from toolbox.simulation.recorded import Recorded
-from toolbox.simulation.samples import scalar, window
+from toolbox.simulation.samples import check_run, scalar, window
 
 if TYPE_CHECKING:
     from toolbox.measuring.quintics import Steps
@@ -119,7 +119,7 @@ def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: N
 
 @dataclass(frozen=True)
 class StickSlipPeriod:
-    """One cycle of stick-slip [s]: slip for `slip` from the release at `start`, then stick for `stick`, until the next release.
+    """One cycle of stick-slip: slip from the release at `start` for the time `slip`, then stick for the time `stick` until the next release [s].
 
     Examples
     --------
@@ -136,7 +136,7 @@ class StickSlipPeriod:
 
     @property
     def period(self) -> float:
-        """From release to release [s]."""
+        """Time from one release to the next [s]."""
         return self.slip + self.stick
 
 
@@ -360,6 +360,7 @@ def severity(
     >>> print(f"{measure.severity(run, 'bit.speed', after=60.0):.2f}")
     1.35
     """
+    check_run(run)
     signal = rubbing_speed(run) if signal is None else signal
     reference = in_si(reference, run.unit(signal), "reference") if isinstance(reference, str) else reference
     check_definition(definition, reference)
@@ -565,9 +566,9 @@ def _aimed(run: Recorded, signal: str, target: NumberOrText, size: NumberOrText 
 # ------------------------------------------------------------------------------------------------------------------------- unilateral contacts
 @dataclass(frozen=True)
 class Contact:
-    """What a unilateral contact went through: number of impacts, time closed [s], largest force [N] and largest speed of approach [m/s].
+    """Metrics of a unilateral contact: number of impacts, time closed [s], largest force [N] and largest approach speed [m/s].
 
-    A rigid contact takes an impact in an instant, so that its force is that while it is closed.
+    For a rigid contact, which takes an impact in an instant, the force is the force while the contact is closed.
     """
 
     impacts: int

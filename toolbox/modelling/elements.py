@@ -133,13 +133,13 @@ def quantity(
 ) -> Any:
     """Declare a numeric field of a part, in SI: `mass: Quantity = quantity(1.0, "kg", "mass of the block", above=0)`.
 
-    The user of the part may also give text with a unit, such as "2 t". The text is converted when the part is made,
-    and the field reads as a float in SI. The annotations `Quantity`, `OptionalQuantity` (or None), `Quantities` (a
-    tuple) and `OptionalQuantities` tell this to a type checker. `float` is enough if no text is typed.
+    The user of the part may also give text with a unit, such as "2 t". The text is converted when the part is made, and
+    the field is then a float in SI. For type checkers annotate the field with `Quantity`, `OptionalQuantity` (or None),
+    `Quantities` (a tuple) or `OptionalQuantities`. `float` is enough if text is never given.
 
-    A float, or a tuple of floats, becomes a symbol of the compiled model, so that a new value needs no new
-    compilation. None means that the quantity is absent, which belongs to the structure of the model. The bounds hold
-    for every entry. They are checked for numbers when a plant is composed and when a run overrides them.
+    A float, or a tuple of floats, becomes a symbol of the compiled model, so a new value needs no new compilation. None
+    means that the quantity is absent, which belongs to the structure of the model. The bounds hold for every entry of a
+    tuple. They are checked when a plant is composed, and when a run overrides the value.
 
     Parameters
     ----------
@@ -152,11 +152,11 @@ def quantity(
     at_least, above, at_most
         Bounds: >=, > and <=.
     typical_range
-        (low, high) in SI, between which every plausible value lies, apart from 0; `math.inf` for no upper end. A part
-        with a value outside warns once (`UnusualValue`), and names the unit that was perhaps meant. Choose the range
-        so wide that no real machine is outside.
+        (low, high) in SI, which contains every plausible value except 0. `math.inf` for no upper end. A part with a
+        value outside this range warns once (`UnusualValue`), and names the unit that was perhaps meant. Choose the
+        range so wide that no real machine is outside.
     source
-        Publication of the declared value. Empty for a value that is chosen.
+        Publication of the declared value. Empty if the value is chosen.
 
     Returns
     -------

@@ -66,8 +66,8 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, match_s
     """Return a plant whose dry friction is regularised with a given width.
 
     The result can be simulated and linearised, and its `to_casadi` can be given to any other integrator. Switches of
-    elastic contacts and of controllers with breaks remain. The parameters `<element>.smoothing_width` and
-    `<element>.smoothing_peak` of the result hold the width w and the peak b.
+    elastic contacts, and of controllers that switch, remain. The parameters `<element>.smoothing_width` and
+    `<element>.smoothing_peak` of the result hold the width w and the peak b of the regularised friction.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, match_s
         Width for all contacts and relays [unit of their slip]. Or {element: width}: elements that are left out stay
         set-valued.
     match_static_peak
-        Whether the peak of the regularised friction is the static bound.
+        Whether the peak of the regularised friction is the static friction.
 
     Returns
     -------

@@ -65,39 +65,45 @@ def onset(
 ) -> Onset:
     """Find the values of one parameter or input at which smooth running, stick-slip and standstill begin and end.
 
-    Use it to find the lowest set-point, or the highest weight on bit, at which a machine runs smoothly, and the
-    margin of the operating point to this border. The result also holds the Hopf points of smooth running.
+    Use it to find, for example, the lowest set-point or the highest weight on bit at which a machine runs smoothly, and
+    the margin of the operating point to this border. The result also contains the Hopf points of smooth running. The
+    function works for every kind of controller.
 
-    The borders exist for every kind of controller. Smooth running is lost where a small disturbance of the running
-    loop begins to grow. Stick-slip means that the same stick returns, however long that takes. Standstill is a stick
-    that never ends (`toolbox.measuring.judge`). The result depends neither on the range nor on one start: stick-slip
-    is also searched beyond both ends of the range, and its limit cycle is followed to the value at which it is no
-    longer stable. A loop with a sampled controller has no such cycle. For it, and if no cycle is found, the borders
-    come from runs that begin inside stick-slip and follow the parameter in small steps. A controller keeps its design
-    on the nominal plant while a parameter of the plant varies.
+    Definitions:
+
+    - Smooth running is lost at the value from which on a small disturbance of the running loop grows.
+    - Stick-slip means that the same stick phase returns, after any time.
+    - Standstill is a stick phase that never ends (`toolbox.measuring.judge`).
+
+    Method: the limit cycle of stick-slip is followed to the value at which it is no longer stable. For a loop with a
+    sampled controller, or if no cycle is found, the borders come from runs that begin in stick-slip and follow the
+    parameter in small steps. Stick-slip is also searched outside both ends of the range. So the result depends neither
+    on the range nor on one start.
+
+    If a parameter of the plant varies, a controller keeps its design on the nominal plant.
 
     Parameters
     ----------
     loop
-        A loop with constant inputs, or a plant. Its own value of the parameter is the operating point.
+        A loop with constant inputs, or a plant. The present value of the parameter in the loop is the operating point.
     parameter
         Name of an input, or of a parameter of the plant or of a controller.
     bounds
-        Range (low, high) of the parameter, in SI or text with units. If it is given as ("20 rpm", "120 rpm"), report
-        and figure are in rpm.
+        Range (low, high) of the parameter, in SI or text with units. With ("20 rpm", "120 rpm") report and figure are
+        in rpm.
     mode
-        {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide
-        at the start.
+        {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide at
+        the start.
     guess
-        {state: value} near the steady state at the operating point. It is needed if no steady state is found without
-        it, for example under a drive with limits.
+        {state: value} near the steady state at the operating point. Needed if no steady state is found without it, for
+        example under a drive with limits.
     num_values
-        Number of values at which both branches are simulated.
+        Number of values at which smooth running and stick-slip are simulated.
     tolerance
         Tolerance of borders that come from runs, in the unit of the parameter. By default 1/5000 of the range.
     duration
-        Longest time for which a run is continued until its regime is decided [s]. By default 2000 periods of the
-        least damped motion.
+        Longest time for which a run is continued until its regime is decided [s]. By default 2000 periods of the least
+        damped motion.
     perturbation
         Disturbance of smooth running, as a fraction of the steady slip.
     accuracy
@@ -111,8 +117,8 @@ def onset(
     Raises
     ------
     SceneError
-        If a name is unknown, the range is empty, an input or a controller varies in time, or there is no smooth
-        running in the range.
+        If a name is unknown, the range is empty, an input or a controller varies in time, or there is no smooth running
+        in the range.
 
     Examples
     --------

@@ -295,10 +295,10 @@ def severity_map(
 ) -> SeverityMap:
     """Map the severity of stick-slip over two inputs or parameters, from smooth running and from stick-slip.
 
-    The map shows both branches of the machine, the border at which smooth running is lost, and the border at which
-    stick-slip ends. As in `onset`, the borders rest on the growth of a small disturbance of the running loop
-    (`toolbox.onsets.growth`) and on runs that are continued until their regime is decided
-    (`toolbox.measuring.judge`). This holds for every kind of controller.
+    The map contains both branches of the machine (runs from smooth running and runs from stick-slip), the border at
+    which smooth running is lost, and the border at which stick-slip ends. As in `onset`, the borders follow from the
+    growth of a small disturbance of the running loop (`toolbox.onsets.growth`) and from runs that are continued until
+    their regime is decided (`toolbox.measuring.judge`). This works for every kind of controller.
 
     Parameters
     ----------
@@ -311,21 +311,21 @@ def severity_map(
     shape
         Number of points of the grid along both axes.
     duration
-        Longest time for which a run is continued until its regime is decided [s]. By default 2000 periods of the
-        least damped motion.
+        Longest time for which a run is continued until its regime is decided [s]. By default 2000 periods of the least
+        damped motion.
     mode
         {contact or relay: mode} of the steady state in the middle of the map. By default contacts slide in the
         direction in which they slide at the start.
     guess
         {state: value} near the steady state in the middle of the map.
     halvings
-        How often an edge of the grid across a border is halved, from 0 to 20.
+        Number of bisections of each grid edge that crosses a border, from 0 to 20.
     executor
-        Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`). It does the runs
-        from the points of the grid. By default one thread per core.
+        Any `concurrent.futures.Executor`, such as the executor of a Dask client (`client.get_executor()`). It computes
+        the runs from the points of the grid. By default one thread per core.
     checkpoint
-        Folder for the map (`map.npz`) and the outcome of each run (`runs.jsonl`). A map that was interrupted
-        continues from this folder.
+        Folder for the map (`map.npz`) and the outcome of each run (`runs.jsonl`). A map that was interrupted continues
+        from this folder.
 
     Returns
     -------

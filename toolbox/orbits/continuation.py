@@ -54,10 +54,14 @@ def follow(
 ) -> Branch:
     """Follow a branch of limit cycles while a parameter changes, by pseudo-arclength continuation.
 
-    Use it to find the values of the parameter between which stick-slip exists. Folds, period doublings and grazings
-    are located on the way. If the parameter is the frequency of a sine, the period follows it; a frequency that is
-    written into a part does not change the period. The branch ends at the first end of `bounds` that it reaches,
-    after `points` cycles, at a Hopf point, or if no further cycle is found. `stop_reason` of the result gives the reason.
+    Use it to find the range of the parameter in which stick-slip exists. Folds, period doublings and grazings are
+    located on the way.
+
+    If the parameter is the frequency of a sine, the period of the cycle changes with it. If a part contains the
+    frequency in its equations, the period does not change.
+
+    The branch ends at the first end of `bounds` that it reaches, after `points` cycles, at a Hopf point, or if no
+    further cycle is found. `stop_reason` of the result gives the reason.
 
     Parameters
     ----------

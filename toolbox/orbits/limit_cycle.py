@@ -62,11 +62,13 @@ def limit_cycle(
     settle
         Length of the first run of a loop [s].
     period
-        For a machine with periodic inputs, the period of its forcing or a multiple of it [s]; by default the period
-        of its sines. For a machine without periodic inputs, a guess of the period. With this guess and a start of the
-        loop no settling is needed, and unstable cycles are found, too; by default the period is the time after which
-        the run returns to its state. With a sampled controller, the period of the alternating reference or load, a
-        whole multiple of the sample time.
+        Period of the motion [s], depending on the machine:
+
+        - With periodic inputs: the period of its forcing, or a multiple of it. By default the period of its sines.
+        - Without periodic inputs: a guess of the period. By default the time after which the run returns to its state.
+          With a guess and a start of the loop no settling is needed, and unstable cycles are found too.
+        - With a sampled controller: the period of the alternating reference or load, an integer multiple of the sample
+          time.
     accuracy
         Accuracy of the runs inside the search.
 

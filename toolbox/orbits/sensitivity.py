@@ -193,21 +193,24 @@ class Sensitivity:
 
 @sign_of_life("sensitivity is at work")
 def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
-    """Differentiate a run with respect to parameters, inputs or start values, through every stick, slip, impact and
-    switch.
+    """Differentiate a run with respect to parameters, inputs or start values, through every stick, slip, impact and switch.
 
-    The derivatives are exact: they come from variational equations with a saltation matrix at every event, not from
-    differences of runs.
+    The derivatives are exact. They are computed from variational equations with a saltation matrix at every event, not
+    from differences of runs.
 
     Parameters
     ----------
     run
         The run.
     to
-        Names of numbers of the loop. Parameters of the plant or of a controller, continuous or sampled (`block.mass`,
-        `chain.stiffness.0`, `pi.proportional`). Constant inputs (`top.torque`, `top.reference`). Numbers of a sine or
-        of a swept sine (`block.load.amplitude`). Start values of states and of the memory of a sampled controller
-        (`chain.speed.1`, `pi.angle`, or `bit.speed`, a signal that is a state).
+        Names of numbers of the loop:
+
+        - parameters of the plant or of a controller, continuous or sampled (`block.mass`, `chain.stiffness.0`,
+          `pi.proportional`);
+        - constant inputs (`top.torque`, `top.reference`);
+        - numbers of a sine or of a swept sine (`block.load.amplitude`);
+        - start values of states and of the memory of a sampled controller (`chain.speed.1`, `pi.angle`, or `bit.speed`,
+          a signal that is a state).
 
     Returns
     -------
@@ -217,8 +220,8 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     Raises
     ------
     SceneError
-        If a name is unknown, is a sample time or a number of a table, is used by the design of a controller only, or
-        is overridden by an input. Also if a controller is written in Python or a measurement has encoder steps.
+        If a name is unknown, is a sample time or a number of a table, is used only by the design of a controller, or is
+        overridden by an input. Also if a controller is written in Python or a measurement has encoder steps.
     GrazingError
         If the run has no derivative.
 

@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from toolbox.calibration.identification import Identification
 from toolbox.calibration.results import Fit
 from toolbox.drilling.answer_results import Answers
 from toolbox.drilling.depth_windows import Windows
@@ -210,6 +211,7 @@ ALL: Sequence[Kind] = (
     Kind("drives.txt", "Lowest set-points", "drives", _drives),
     _one("Tuning", "tune", Tuned),
     _one("Calibration", "fit", Fit),
+    Kind("identify.txt", "Identification", "friction", _loaded("identify.txt", (Identification, "identify.npz"))),
     Kind("simulate.txt", "Simulation", "01", _simulation),
     Kind("compare.txt", "Comparison", "compare"),
     _one("Error against time", "tradeoff", WorkPrecision),

@@ -154,11 +154,10 @@ def margins(
     inertia_parameter: str | None = None,
     simulation_duration: NumberOrText = 60.0,
 ) -> Margins:
-    """Compute disk margin, peak sensitivity, gain margin, phase margin and delay margin of a closed loop at smooth
-    running.
+    """Compute disk margin, peak sensitivity, gain margin, phase margin and delay margin of a closed loop at smooth running.
 
-    Sampling, hold and delay are taken into account. The plant is linearised at the steady state of the closed loop,
-    and a sampled controller by its update. The loop is broken at every input that a controller drives
+    The plant is linearised at the steady state of the closed loop, and a sampled controller by its update. Sampling,
+    hold and delay are taken into account. The loop is broken at every input that a controller drives
     (`toolbox.steady_states.steady_loop`). `toolbox.robustness.disk_margins` defines each margin. Noise and encoder
     steps of `Sampled` are left out.
 
@@ -167,12 +166,12 @@ def margins(
     loop
         A loop with at least one controller and constant inputs.
     guess
-        {state: value} near smooth running. It is needed for controllers that give no other information about the
-        steady state.
+        {state: value} near smooth running. Needed for controllers that give no other information about the steady
+        state.
     by_simulation
-        Whether the gain, delay and inertia at which the machine fails are also found by simulation (a few seconds).
-        By default only if there is no linear loop: for relays, ideal sliding modes, an active limit, and controllers
-        in Python.
+        Whether the gain, delay and inertia at which the machine fails are also found by simulation (a few seconds). By
+        default only if there is no linear loop: for relays, ideal sliding modes, an active limit, and controllers in
+        Python.
     inertia_parameter
         Name of the inertia that is varied in these simulations, such as "chain.inertia.0".
     simulation_duration

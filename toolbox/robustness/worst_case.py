@@ -193,38 +193,46 @@ def worst_case(
     ripple_within: float = 0.05,
     metrics: Any = (),
 ) -> WorstCase:
-    """Run a closed loop with every model error, from every start and with every seed of its noise, and judge the end of
-    each run.
+    """Test a closed loop with model errors: run it with every error, from every start and with every seed of its noise.
 
-    A run succeeds if, from `after` on, the contact never sticks, the mean speed is within `mean_within` of its
-    target, and no command swings by more than `ripple_within` of its mean to either side. It must also stay so: a
-    small disturbance of smooth running must not grow on that machine, however slowly, and a run that still swings is
-    continued until the judge of `onset` can decide. Inputs count with their last value. If an input goes on changing,
-    only the window decides.
+    A run succeeds if, from `after` on,
+
+    - the contact never sticks,
+    - the mean speed is within `mean_within` of its target,
+    - no command deviates by more than `ripple_within` of its mean, and
+    - smooth running is stable on that machine: a small disturbance must not grow, however slowly. A run that still
+      oscillates is continued until the judge of `onset` can decide.
+
+    Inputs that vary in time count with their last value. If an input never becomes constant, only the time from `after`
+    on decides.
 
     Parameters
     ----------
     loop
-        A loop. A controller is designed on the nominal plant, and errors of parameters do not change its design. The
+        A loop. Controllers are designed on the nominal plant, and errors of parameters do not change their design. The
         target of the mean speed is the `reference` of the loop.
     duration
         Length of a run [s].
     uncertainty
-        {number of the loop: factor, or several}, each tried alone: 0.8 and 1.2, or "20 %" for both; "+20 %" is 1.2
-        alone. "delay" is the delay of the sampled controllers.
+        {number of the loop: factor, or several factors}. Each is tried alone. "20 %" means 0.8 and 1.2, "+20 %" means
+        1.2 alone. "delay" is the delay of the sampled controllers.
     corners
-        Mappings {number of the loop: factor}. Each mapping is tried with all its errors at once. A percentage needs
-        its sign here: "+20 %".
+        Mappings {number of the loop: factor}. Each mapping is tried with all its errors at once. A percentage needs its
+        sign here: "+20 %".
     starts
-        Starts of the runs: `TakenOver(initial_controller)`, from the stick-slip of another controller on each
-        machine; `OwnStickSlip()`, from the stick-slip of the loop itself; or start values {state or held command:
-        value} of each run, such as `cycle_phases` returns. By default `SmoothRunning()`, which needs constant inputs.
+        Starts of the runs:
+
+        - `SmoothRunning()` (default), which needs constant inputs.
+        - `TakenOver(initial_controller)`: from the stick-slip of another controller on each machine.
+        - `OwnStickSlip()`: from the stick-slip of the loop itself.
+        - Start values {state or held command: value} of each run, such as `cycle_phases` returns.
     seeds
         Seeds of the noise of `Sampled`, used if it has noise.
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed, and allowed ripple of a command, as fractions of their means [1].
+        Allowed error of the mean speed, and allowed ripple of a command to either side, as fractions of their means
+        [1].
     metrics
         Further metrics of every run from `after` on: names of `toolbox.measuring.metrics.METRICS`, functions of the
         run, or {name: metric}.

@@ -105,20 +105,24 @@ def compare(
 ) -> Differences:
     """Compare two runs by their metrics, or two scenes by their keys.
 
-    For runs, the table holds the fraction of the time that each contact sticks, the number of its stick phases and
-    the longest of them. Then follow minimum, maximum and time mean of signals, the severity of speeds, and the
-    further `metrics`. Runs may be fresh or read from a file.
+    For runs, the table contains
+
+    - for each contact, the fraction of the time in stick, the number of stick phases and the longest stick phase;
+    - for each signal, minimum, maximum and time mean, and for speeds the severity;
+    - the further `metrics`.
+
+    A run may be the result of `simulate` or read from a file.
 
     Parameters
     ----------
     first, second
         Two runs, or two scenes.
     signals
-        Scalar signals of the runs. By default the signals that a plot of either run shows and that both runs have.
+        Scalar signals of the runs. By default the main signals of either run that both runs have.
     metrics
-        Further metrics: a name of `toolbox.measuring.metrics.METRICS`, a function of the run, or several as a
-        sequence or {name: metric}. A metric that is given by its name is read from the contact and the signal that
-        the loop of each run judges. A run from a file is read at its only contact, and at the signal of that name.
+        Further metrics: a name of `toolbox.measuring.metrics.METRICS`, a function of the run, or several as a sequence
+        or {name: metric}. A metric given by its name is read from the contact and the signal that the loop of each run
+        judges. For a run from a file, it is read at the only contact, and at the signal of that name.
     after, until
         Begin and end of the window [s]. By default from the start to the end of the shorter run.
     labels
@@ -132,8 +136,8 @@ def compare(
     Raises
     ------
     SceneError
-        If one is a run and the other a scene, a signal is unknown, of another unit or a vector, or the window lies
-        outside of a run.
+        If one is a run and the other a scene, a signal is unknown, has another unit or is a vector, or the window lies
+        outside a run.
 
     Examples
     --------

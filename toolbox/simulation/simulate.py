@@ -34,8 +34,8 @@ def simulate(
     """Simulate a closed loop, or a plant, and locate every switch between stick and slip as an event.
 
     The run begins at rest unless a start is given. `simulate(plant, duration, controller=..., ...)` is short for
-    `simulate(closed_loop(plant, controller, ...), duration)`. Arguments that are given beside a loop replace those of
-    the loop.
+    `simulate(closed_loop(plant, controller, ...), duration)`. Arguments that are given with a loop replace the
+    arguments of the loop.
 
     Every number in `duration`, `start`, `inputs`, `parameters` and `sample_time` is in SI, or text with its unit: "2
     min", "95 rpm", "10 kN m".
@@ -45,18 +45,21 @@ def simulate(
     loop
         A loop made by `closed_loop`, or a plant made by `compose` or `smoothed`.
     duration
-        Length of the run [s], >= 0, from the time of `start` on. By default the duration of the scene, for a loop
-        from a scene.
+        Length of the run [s], >= 0, from the time of `start` on. By default the duration of the scene, for a loop from
+        a scene.
     start
-        {state, or signal that is a state: start value}. All other states are 0, and the time is 0. Or one instant of
-        another run (`run.at(12.5)`). Or an `Equilibrium`, whose states are used. Or `run.last`: the run continues at
-        the end of that run, at the same absolute time, with the memory of all controllers and the commands that are
-        still delayed, so that both are one run. Inputs are then functions of that time, and `run.time` begins there.
-        An event at the cut is listed by one of the two runs: by the first if its steps reach the event, else by the
-        second.
+        One of these:
+
+        - {state, or signal that is a state: start value}. All other states are 0, and the time is 0.
+        - One instant of another run, `run.at(12.5)`.
+        - An `Equilibrium`, whose states are used.
+        - `run.last`. The run continues at the end of that run, at the same absolute time, with the memory of all
+          controllers and the commands that are still delayed, so that both are one run. Inputs are then functions of
+          the absolute time, and `run.time` begins at the end of that run. An event exactly at the cut is listed once:
+          by the first run if its steps reach the event, else by the second.
     inputs
-        {signal, or parameter of the plant that changes in time: value}. A value is a number, text with a unit, a
-        table (times, values), a shape of `toolbox.inputs` (`step`, `ramp`, `sine`, `noise`, `square`, `triangle`,
+        {signal, or parameter of the plant that changes in time: value}. A value is a number, text with a unit, a table
+        (times, values), a shape of `toolbox.inputs` (`step`, `ramp`, `sine`, `noise`, `square`, `triangle`,
         `inputs.sweep`), or a casadi expression of `toolbox.time`.
     parameters
         {parameter of the plant or of a controller: value}, for this run only. The controller keeps its design on the
@@ -66,18 +69,23 @@ def simulate(
     sample_time
         Sample time of the controller [s]. By default a `Controller` acts continuously.
     method
-        A method or its name. "event" locates every switch, with the steps that were the fastest for such runs: Taylor
-        series, explicit formulas, or linearly implicit ones if these are cheaper (runs with a controller in Python
-        stay explicit). `run.why` gives the choice and its reason. "taylor", "explicit" and "stiff" prescribe the
-        steps. `TimeStepping(step)`, short "time-stepping", locates no switch. `Smoothing(width)`, short "smoothed",
-        regularises friction. Both refine their option until the accuracy is met, unless the option is given. Every
-        method has an option for the largest cost of a run: `EventExact(budget=Budget(seconds=60))`.
+        A method or its name:
+
+        - "event" locates every switch. It uses the steps that are fastest for the run: Taylor series, explicit
+          formulas, or linearly implicit formulas if these are cheaper. Runs with a controller in Python use explicit
+          ones. `run.why` gives the choice and its reason.
+        - "taylor", "explicit" and "stiff" locate every switch with the named steps.
+        - `TimeStepping(step)`, in short "time-stepping", locates no switch.
+        - `Smoothing(width)`, in short "smoothed", regularises friction.
+
+        The last two refine step or width until the accuracy is met, unless the option is given. Every method has an
+        option for the largest cost of a run: `EventExact(budget=Budget(seconds=60))`.
     accuracy
-        Target for the global error, with every state scaled by its size, between 1e-13 and 0.1. By default the
-        accuracy of the scene, else 1e-6.
+        Target for the global error, with every state scaled by its size, between 1e-13 and 0.1. By default the accuracy
+        of the scene, else 1e-6.
     output_times
-        Increasing times [s] between begin and end at which the run is recorded, shape (nt,), as right-hand limits at
-        events. By default every step is recorded, and both sides of every event.
+        Increasing times [s] between begin and end at which the run is recorded, shape (nt,). At an event the value
+        after the event is recorded. By default every step is recorded, and both sides of every event.
 
     Returns
     -------
@@ -91,8 +99,8 @@ def simulate(
     SimulationError, ZenoError, BudgetError
         If the run cannot be finished. `.run` of the error is the trajectory so far.
     ControllerError
-        If a controller gives a command, or remembers a value, that is no finite number. The message names controller,
-        signal and time.
+        If a command or a memory value of a controller is not a finite number. The message names controller, signal and
+        time.
     AccuracyError
         If a method cannot meet the accuracy at an acceptable cost.
 

@@ -188,24 +188,26 @@ def linearise(
 ) -> control.StateSpace:
     """Linearise a plant or a closed loop around a point.
 
-    The result is a `control.StateSpace` with named states, inputs and outputs, from exact Jacobians. The point need
-    not be a steady state: the matrices then describe the deviation from the motion through the point, at frozen time.
-    One state per sticking contact is left out. Other states that the stick determines are set by it, unless `at`
-    gives them. Names have "_" in place of ".", because python-control reserves the dot: `sys["bit_speed",
-    "top_torque"]`, states `chain_speed[0]`.
+    The result is a `control.StateSpace` with named states, inputs and outputs, computed from exact Jacobians.
+
+    - The point need not be a steady state. Otherwise the matrices describe the deviation from the motion through the
+      point, at frozen time.
+    - One state per sticking contact is left out. Other states that follow from the stick are set accordingly, unless
+      `at` gives them.
+    - Names have "_" in place of ".", because python-control reserves the dot: `sys["bit_speed", "top_torque"]`, states
+      `chain_speed[0]`.
 
     Parameters
     ----------
     loop
         A plant, or a loop whose controllers take part in their continuous form.
     at
-        The point: an `Equilibrium`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or
-        input: value}. States that the mapping leaves out are 0; inputs that it leaves out have their value in the
-        loop, else their default. If `at` is the steady state of a loop around this plant, the plant alone is
-        linearised there.
+        The point: an `Equilibrium`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input:
+        value}. States that the mapping leaves out are 0. Inputs that it leaves out have their value in the loop, else
+        their default. If `at` is the steady state of a loop around this plant, only the plant is linearised there.
     mode
-        {contact or relay: mode}, such as {"bit": "stick"}. By default the modes of `at`, else the direction of slip.
-        At zero slip contacts slide forwards and relays are on their surface.
+        {contact or relay: mode}, such as {"bit": "stick"}. By default the modes of `at`, else the direction of slip. At
+        zero slip contacts slide forwards and relays are on their surface.
     inputs
         Names of the inputs to keep. By default all.
     outputs

@@ -58,17 +58,18 @@ def sweep(
 ) -> Sweep:
     """Simulate a loop once for every combination of some of its numbers, and measure every run.
 
-    The stiff method is chosen or not once for all runs, from the middle of the design. All runs see the same
-    measurement noise. A controller is designed again for every value of a number that only its design uses. All other
-    numbers are changed where they act, and designed gains stay.
+    - All runs see the same measurement noise.
+    - If a number is used only by the design of a controller, the controller is designed again for every value. All
+      other numbers are changed where they act, and designed gains stay.
+    - The choice between stiff and other steps is made once for all runs, in the middle of the design.
 
     Parameters
     ----------
     loop
         A loop, or a plant.
     ranges
-        {name: values} for a grid, or rows of {name: value}, in SI or text with units. Or a pandas table, or one of
-        the designs `latin_hypercube`, `sobol` and `uniform` of `toolbox.sweeps`. A name is any of `loop.variable_numbers()`
+        {name: values} for a grid, or rows of {name: value}, in SI or text with units. Or a pandas table, or one of the
+        designs `latin_hypercube`, `sobol` and `uniform` of `toolbox.sweeps`. A name is any of `loop.variable_numbers()`
         except a sample time and the numbers of a table. An input is held constant.
     duration
         Length of a run [s], or text with a unit. By default the duration of the scene, for a loop from a scene.
@@ -77,21 +78,21 @@ def sweep(
         overrides the start of the loop.
     metrics
         A name of `toolbox.measuring.metrics.METRICS`, a metric of that module, a function of the run, or several as a
-        sequence or {name: metric}. The contact and the signal are those that the loop judges, from the time that the
-        loop gives or in the second half of the run. Settling, overshoot and functions are read from each run in turn,
-        which takes longer.
+        sequence or {name: metric}. They are evaluated for the contact and the signal that the loop judges, from the
+        time that the loop gives or in the second half of the run. Settling, overshoot and functions are read from each
+        run in turn, which takes longer.
     method
-        A method or its name, as `simulate` describes them: "event", "taylor", "explicit", "stiff", "time-stepping" or
-        "smoothed". Its budget is the largest cost of one run.
+        A method or its name, as for `simulate`: "event", "taylor", "explicit", "stiff", "time-stepping" or "smoothed".
+        Its budget is the largest cost of one run.
     accuracy
         Target for the global error, between 1e-13 and 0.1. By default the accuracy of the scene, else 1e-6.
     executor
-        Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`). By default one
-        thread per core, or one process per core if a controller is written in Python and the work is worth it.
+        Any `concurrent.futures.Executor`, such as the executor of a Dask client (`client.get_executor()`). By default
+        one thread per core. If a controller is written in Python, one process per core if this saves time.
     checkpoint
-        A folder that becomes a zarr store of the results as they come (`toolbox.sweeps.store`; needs the extra
-        `batch`). The same call after an interruption continues, `xarray.open_zarr` shows the results so far, and
-        `Sweep.load` reads the finished sweep.
+        A folder for the results as they come, a zarr store (`toolbox.sweeps.store`; needs the extra `batch`). The same
+        call after an interruption continues, `xarray.open_zarr` shows the results so far, and `Sweep.load` reads the
+        finished sweep.
 
     Returns
     -------
@@ -101,8 +102,8 @@ def sweep(
     Raises
     ------
     SceneError
-        If a name is unknown, a value is out of bounds, a sample time or an entry of a table is varied, or
-        `checkpoint` holds anything but this sweep.
+        If a name is unknown, a value is out of bounds, a sample time or an entry of a table is varied, or `checkpoint`
+        holds anything but this sweep.
     OSError
         If the disk is full.
     ImportError

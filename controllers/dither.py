@@ -127,9 +127,9 @@ class SquareDither(NormalDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SweptDither(NormalDither):
-    """Sinusoidal dither of a normal load with a varying frequency: f(t) = frequency + span sin(2 pi t / sweep_time).
+    """Sinusoidal dither of a normal load with a varying frequency: f(t) = frequency + frequency_deviation sin(2 pi t / sweep_time).
 
-    The frequency varies by `span` above and below `frequency`, with the period `sweep_time`.
+    The frequency varies by `frequency_deviation` above and below `frequency`, with the period `sweep_time`.
 
     Examples
     --------
@@ -138,18 +138,18 @@ class SweptDither(NormalDither):
     >>> from toolbox import closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SweptDither()))
     Closed loop: TorsionalChain, BitRock
-      SweptDither, continuous: mean 97 kN, depth 0.5, frequency 1 Hz, span 0.4 Hz, sweep_time 20 s
+      SweptDither, continuous: mean 97 kN, depth 0.5, frequency 1 Hz, frequency_deviation 0.4 Hz, sweep_time 20 s
       bit.weight has no effect, because the input bit.weight takes its place
     """
 
-    span: Quantity = quantity(0.4, "Hz", "largest deviation from `frequency` in both directions", at_least=0)
+    frequency_deviation: Quantity = quantity(0.4, "Hz", "largest deviation from `frequency` in both directions", at_least=0)
     sweep_time: Quantity = quantity(20.0, "s", "period of the sweep", above=0)
 
     def check(self):
-        number("span", self.span, "Hz", below=self.frequency)
+        number("frequency_deviation", self.frequency_deviation, "Hz", below=self.frequency)
 
     def wave(self):
-        swing = self.span * self.sweep_time * (1.0 - ca.cos(2.0 * ca.pi * time / self.sweep_time))
+        swing = self.frequency_deviation * self.sweep_time * (1.0 - ca.cos(2.0 * ca.pi * time / self.sweep_time))
         return ca.sin(2.0 * ca.pi * self.frequency * time + swing)
 
 

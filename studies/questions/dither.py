@@ -180,7 +180,9 @@ def cures(rig: Rig) -> dict[str, dict[str, Any]]:
         "sine in the band": {"law": NormalDither(**common, frequency=frequency)},
         "sine below the band": {"law": NormalDither(**common, frequency=BELOW * rig.natural)},
         "square in the band": {"law": Sampled(SquareDither(**common, frequency=frequency), period)},
-        "sweep in the band": {"law": SweptDither(**common, frequency=frequency, span=0.25 * frequency, sweep_time=20.0 / frequency)},
+        "sweep in the band": {
+            "law": SweptDither(**common, frequency=frequency, frequency_deviation=0.25 * frequency, sweep_time=20.0 / frequency)
+        },
         "phased with the slip": {"law": PhasedDither(**{**common, **steep})},
         "the same, T/5 late": {"law": Sampled(PhasedDither(**{**common, **steep}), 0.005 / rig.natural, delay=0.2 / rig.natural)},
     }

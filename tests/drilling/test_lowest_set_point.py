@@ -407,7 +407,7 @@ def test_a_law_in_python_is_tried_on_another_plant_too():
     other = compose(wells.JANSEN_2, BitRock(weight=97_347.0, friction=Coulomb(0.8, 0.5)))
     trial, machine = Trial(closed_loop(PLANT, Sampled(InPython(), 0.1)), StiffPI()), Machine("Coulomb", plant=other)
     loop, _ = trial.takes_over(machine, BRIEF, 9.0, "takeover", 0, trial.takeover(9.0))
-    (law,) = loop.designed
+    (law,) = loop.designed_controllers
     assert isinstance(law.inside[0], Called)
 
 

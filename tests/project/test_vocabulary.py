@@ -21,8 +21,9 @@ from toolbox import Sampled, SceneError, compose, sweep
 from toolbox.commands.command_line import COMMANDS, main
 from toolbox.drilling.lowest_set_point import LowestSetPoints, SetPointLimit
 from toolbox.files.results import Result
+from toolbox.former_names import ENTRIES
 from toolbox.scenes.scene import Scene
-from toolbox.vocabulary import ENTRIES, NOW
+from toolbox.vocabulary import NOW
 
 FACES = (
     "toolbox",

@@ -28,7 +28,7 @@ def by_control(law, period, delay):
     Over a period the plant gets the output of `whole` samples ago, and for the first `part` of the period the one before.
     """
     loop = closed_loop(RIG, law, inputs={"top.reference": SPEED})
-    gains, steady = loop.designed[0], equilibrium(loop)
+    gains, steady = loop.designed_controllers[0], equilibrium(loop)
     plant = linearise(closed_loop(RIG, inputs={"top.torque": steady["top.torque"]}), steady, inputs=["top.torque"], outputs=["top.speed"])
     whole = math.floor(delay / period + 1e-9)
     part = max(delay - whole * period, 0.0)

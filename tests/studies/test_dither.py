@@ -49,7 +49,7 @@ def test_a_dithered_load_is_its_formula():
 
 
 def test_a_swept_dither_has_the_frequency_of_its_formula():
-    law = SweptDither(load="block.load", depth=1.0, frequency=1.0, span=0.5, sweep_time=20.0)
+    law = SweptDither(load="block.load", depth=1.0, frequency=1.0, frequency_deviation=0.5, sweep_time=20.0)
     run = simulate(BLOCK, 20.0, controller=law)
     times = np.linspace(0.0, 20.0, 200_001)
     wave = run.at(times)["block.load"] - 1.0
@@ -57,8 +57,8 @@ def test_a_swept_dither_has_the_frequency_of_its_formula():
     turns = rises + 0.5 * 20.0 / (2 * np.pi) * (1 - np.cos(2 * np.pi * rises / 20.0))  # int 1 + 0.5 sin(2 pi t / 20) dt
     np.testing.assert_allclose(turns, np.round(turns), atol=2e-4)
     assert np.diff(turns).min() > 0.9 and rises.size == 19
-    with pytest.raises(SceneError, match="span"):
-        dataclasses.replace(law, span=2.0).check()
+    with pytest.raises(SceneError, match="frequency_deviation"):
+        dataclasses.replace(law, frequency_deviation=2.0).check()
 
 
 def test_a_sampled_square_dither_is_the_square_wave():

@@ -192,7 +192,7 @@ class _Question:
         own = float(self._kept(ERRORS + 1, value, lambda: [OwnStickSlip(1).on(self.loop).period])[0])
         errors = Counted(*self._kept(ERRORS, value, lambda: self._errors(uncertainty)))
         peaks = dict(zip(PEAKS, self._kept(ERRORS + 2, value, lambda: self._peaks(value)), strict=True))
-        limits = [abs(limit) for law in self.loop.designed for limit in limits_of(law).values()]
+        limits = [abs(limit) for law in self.loop.designed_controllers for limit in limits_of(law).values()]
         return ControllerAnswer(starts, errors, own, torque_limit=max(limits, default=math.nan) or math.nan, **peaks)
 
     def counted(self, start: str, value: float) -> Counted:

@@ -108,7 +108,7 @@ class ClosedLoop(Printed):
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = self.plant.with_parameters(own) if own else self.plant
         declared, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (self.plant, plant))
-        found = closed_system(declared, sharp, self.controllers, self.designed)
+        found = closed_system(declared, sharp, self.controllers, self.designed_controllers)
         system = found.system
         if len(own) < len(self.parameters):
             system = system.with_parameters({name: value for name, value in self.parameters.items() if name not in own})
@@ -116,7 +116,7 @@ class ClosedLoop(Printed):
         return found._replace(system=system.with_time_varying(changing) if changing else system, plant=plant)
 
     @cached_property
-    def designed(self) -> list[Any]:
+    def designed_controllers(self) -> list[Any]:
         """The laws as designed on the nominal plant, in order."""
         return designed_laws(self.plant, self.controllers)
 
@@ -129,8 +129,8 @@ class ClosedLoop(Printed):
             {field: new value}.
         """
         other = dataclasses.replace(self, **changes)
-        if "designed" in self.__dict__ and not {"plant", "controllers"} & changes.keys():
-            other.__dict__["designed"] = self.designed
+        if "designed_controllers" in self.__dict__ and not {"plant", "controllers"} & changes.keys():
+            other.__dict__["designed_controllers"] = self.designed_controllers
         return other
 
     @cached_property
@@ -192,7 +192,7 @@ class ClosedLoop(Printed):
             The new controllers, in the order of the present ones.
         """
         other = dataclasses.replace(self, controllers=tuple(controllers))
-        other.__dict__["designed"] = self.designed
+        other.__dict__["designed_controllers"] = self.designed_controllers
         return other
 
     @property

@@ -68,7 +68,27 @@ def new_names_only(function: Callable[Arguments, Found]) -> Callable[Arguments, 
 
 
 def new_field(kind: type | str, word: str) -> str:
-    """Return the name now of a field of a class, or of the class with this name; the same word if it was never renamed."""
+    """Return the present name of a field of a class; the same word if it was never renamed.
+
+    Parameters
+    ----------
+    kind
+        The class, or its name. Entries of the ancestors of a class hold for it, too.
+    word
+        Name of the field, perhaps a former one.
+
+    Returns
+    -------
+    str
+        The present name.
+
+    Examples
+    --------
+    >>> from models import GaussianStribeck
+    >>> from toolbox.authoring import new_field
+    >>> print(new_field(GaussianStribeck, "speed"), len(new_field(GaussianStribeck, "static")))
+    stribeck_speed 6
+    """
     names = [kind] if isinstance(kind, str) else [each.__name__ for each in kind.__mro__]
     return next((NOW[name, word] for name in names if (name, word) in NOW), word)
 

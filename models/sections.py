@@ -52,7 +52,7 @@ class ToolJoint(Renamed):
     >>> from models import Section, ToolJoint
     >>> joint = ToolJoint(outer="6.625 in", inner="3.5 in", length="21 in", every="30 ft")
     >>> pipe = Section(length="1000 m", outer="5 in", inner="4.276 in", tool_joint=joint)
-    >>> print(f"{joint.part:.3f} of the length, contact radius {pipe.contact_radius * 1e3:.1f} mm")
+    >>> print(f"{joint.length_fraction:.3f} of the length, contact radius {pipe.contact_radius * 1e3:.1f} mm")
     0.058 of the length, contact radius 84.1 mm
     """
 

@@ -20,7 +20,7 @@ TYRE = 0.3
 START = 30.0 / 3.6 / TYRE
 WANTED = 2.5 / TYRE
 SOFT_PI = {"proportional": 0.1, "integral": 1.0}
-SOFT_SLIDING = {"filter_time": 0.1, "reaching": 0.3, "width": 0.2, "surface": 1.0}
+SOFT_SLIDING = {"filter_time": 0.1, "reaching_rate": 0.3, "boundary_layer": 0.2, "surface_gain": 1.0}
 
 
 def brake(friction=TABLE, **fields):

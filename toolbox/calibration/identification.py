@@ -159,7 +159,7 @@ def identify(
     >>> import numpy as np
     >>> from toolbox import identify
     >>> speed = np.linspace(0.05, 0.6, 12)
-    >>> found = identify({"axis.speed": speed, "axis.force": 5.0 + 35.0 * speed}, known="axis.force_offset")
+    >>> found = identify({"axis.speed": speed, "axis.force": 5.0 + 35.0 * speed}, fixed="axis.force_offset")
     >>> print(round(found["rail.friction.viscous"], 3))
     35.0
     """

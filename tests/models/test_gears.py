@@ -208,7 +208,7 @@ def test_a_motor_behind_a_gearbox_turns_a_string_and_every_joule_is_accounted_fo
         ({"efficiency": (1.2,), "idle_torque": (1.0,)}, "efficiency"),
         ({"shafts": (("sun", "top"),)}, "stiffness"),
         ({"shafts": (("sun", "sun"),), "stiffness": (1.0,), "damping": (0.0,)}, "shafts"),
-        ({"input_node": "ring"}, "driven"),
+        ({"input_node": "ring"}, "input_node"),
         ({"shafts": (("sun", "top"),), "stiffness": (1.0,), "damping": (0.0,)}, "top.speed"),
     ],
 )

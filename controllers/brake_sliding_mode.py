@@ -27,8 +27,9 @@ class BrakeSlidingMode(BrakeLaw):
 
         s = e + lam int e dt,  e = w - w_p;    N = I [deceleration + lam e + eta sat(s / width)] / (2 r mu),    mu = T / (2 r N)
 
-    w is the disc speed, w_p the planned speed, T the measured brake torque and N the force of one pad. The coefficient
-    of friction mu is measured: it is limited to 0.5 to 2 times the expected `friction` and averaged over `filter_time`.
+    w is the disc speed, w_p the planned speed, T the measured brake torque and N the force of one pad. lam is the
+    weight of the integral, eta the reaching rate and width the half-width of the boundary layer. The coefficient of
+    friction mu is measured: it is limited to 0.5 to 2 times the expected `friction` and averaged over `filter_time`.
     With `filter_time` 0 it is the value of the last sample.
 
     The sign function is discretised implicitly, sgn(s_(k+1)) = sat(s_k / (eta period)). The boundary layer is therefore

@@ -30,6 +30,7 @@ class LinearMPC(Predictive):
       assumed constant over the horizon.
     - (x_s, u_s) is the steady state at `reference` under the estimated T. A constant unknown torque therefore leaves no
       steady error.
+    - Q weights the squared deviations of top speed and bit speed, in units of `top_speed_scale` and `bit_speed_scale`.
     - P is the solution of the Riccati equation, the cost after the horizon. Without active limits the controller equals
       the regulator of this equation.
 

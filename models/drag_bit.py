@@ -47,8 +47,11 @@ class DragBit(Component):
 
         T = eps a^2 d/2 + mu gamma (a/2) W_f,   W = zeta eps a d + W_f,   d = n q(1) on bottom, 0 off bottom
 
-    T is the torque, W the weight on bit and d the depth of cut per revolution. q is the height of the rock above the
-    blade tip between two blades: q(s) = height at the fraction s of the blade angle, q(1) at the face of the blade.
+    T is the torque, W the weight on bit and d the depth of cut per revolution. a is the radius of the bit, eps the
+    specific energy of the rock, mu the friction coefficient of the wear flats, gamma the geometry number of the bit,
+    zeta the ratio of axial to tangential cutting force, l the length of the wear flats and sigma the contact stress
+    under them. q is the height of the rock above the blade tip between two blades: q(s) = height at the fraction s of
+    the blade angle, q(1) at the face of the blade.
 
     Contacts:
 

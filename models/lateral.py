@@ -32,8 +32,9 @@ class WhirlingCollar(Component):
         N unilateral contact force with closure r - gap;   F dry friction with load N and slip speed R_co phi' + r theta'
 
     (y, z) is the geometric centre, r and theta are its polar coordinates. (y, z) is zero at rest in the middle of the
-    borehole. N is the force of the wall, nonzero only for r >= gap. c_h is the drag of the mud. M is the resulting
-    reaction torque on the string.
+    borehole. N is the force of the wall, nonzero only for r >= gap. e is the eccentricity of the mass centre, m the
+    modal mass, k_l the lateral stiffness, R_co the outer radius, L the length between the stabilisers, E I_a the
+    bending stiffness of the pipe and c_h the drag of the mud. M is the resulting reaction torque on the string.
 
     Connect the collar to a `TorsionalChain` with `collar_index=` set.
 
@@ -151,9 +152,9 @@ class WhirlingCollar(Component):
 
             w^2 = mu k_l gap/(mu m R_co^2/gap - m e sqrt(1 + mu^2) - c_h R_co^2)
 
-        Above this speed the normal force of the wall, N = m gap theta'^2 + m e w^2 cos psi - k_l gap, is large enough
-        that friction can balance drag and imbalance at every angle psi = phi - theta: |F| = |m e w^2 sin psi + c_h
-        gap^2 theta'^2| <= mu N.
+        The symbols are defined in `WhirlingCollar`. Above this speed the normal force of the wall, N = m gap theta'^2 +
+        m e w^2 cos psi - k_l gap, is large enough that friction can balance drag and imbalance at every angle psi = phi
+        - theta: |F| = |m e w^2 sin psi + c_h gap^2 theta'^2| <= mu N.
 
         Parameters
         ----------

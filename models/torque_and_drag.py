@@ -23,7 +23,7 @@ from models.friction_factors import FrictionFactors
 from models.sections import Section, sections_of
 from models.survey import Survey, hole_of
 from toolbox import SceneError
-from toolbox.authoring import NumberOrText, Result, columns, new_names_only, number, reading, suggest
+from toolbox.authoring import NumberOrText, Result, columns, html_table, new_names_only, number, reading, suggest
 
 STEP = 5.0
 """Longest step over depth [m]."""
@@ -394,7 +394,8 @@ class TorqueDragOperations(Result):
             raise SceneError(f"There is no operation `{name}`: {suggest(name, self.operations)}")
         return self.operations[name]
 
-    def __str__(self) -> str:
+    def _rows(self) -> tuple[str, list[tuple[str, ...]]]:
+        """(friction factors in a sentence, rows of the table of operations with its heads first)."""
         units = {"N": "kN", "N m": "kN m", **self.display_units}
         force, torque, length = (reading(unit, units) for unit in ("N", "N m", "m"))
         heads = ("operation", f"hook load [{force.unit}]", f"drag [{force.unit}]", f"torque at the top [{torque.unit}]", "string")
@@ -416,10 +417,17 @@ class TorqueDragOperations(Result):
         for depth, factor in self.friction:
             spans.append(f"{factor:g} from {above * length.factor:.4g} to {depth * length.factor:.4g} {length.unit}")
             above = depth
-        notes = f"  Friction factor {', '.join(spans)}; hook load without the weight of hook and block; no buckling."
-        return "\n".join(["Torque and drag", notes, *columns(rows, left=(0, 4))])
+        return f"Friction factor {', '.join(spans)}; hook load without the weight of hook and block; no buckling.", rows
+
+    def __str__(self) -> str:
+        note, rows = self._rows()
+        return "\n".join(["Torque and drag", f"  {note}", *columns(rows, left=(0, 4))])
 
     __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        note, (heads, *rows) = self._rows()
+        return html_table("Torque and drag", heads, rows, [note])
 
     def _table(self) -> tuple[Sequence[str], Sequence[Sequence[Any]]]:
         """One row per operation and depth."""

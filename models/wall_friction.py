@@ -25,7 +25,8 @@ class WallContact(Component):
         stick:  v = 0, R w = 0,  sqrt(F^2 + (T / R)^2) <= mu_s N
         slip:   F = mu N v / s,  T = mu N R (R w) / s,  s = sqrt(v^2 + (R w)^2)      both against the motion
 
-    Rotation reduces the axial drag: a string that is held by axial friction comes free when it is rotated.
+    N is the side force, R the radius that touches the wall, v the axial speed and w the speed of rotation. Rotation
+    reduces the axial drag: a string that is held by axial friction comes free when it is rotated.
 
     The part replaces the rock. It acts on the last mass of an `AxialChain` and on the last inertia of a
     `TorsionalChain`, and every switch is located as an event. For friction at every mass, computed in time steps, use

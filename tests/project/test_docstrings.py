@@ -15,7 +15,7 @@ import pytest
 from tests.public import PUBLIC, docstring
 
 ROOT = Path(__file__).parents[2]
-CLASSES_WITHOUT_EXAMPLE = 90
+CLASSES_WITHOUT_EXAMPLE = 81
 """Public classes whose docstring has no example: a number that may only fall."""
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?")
@@ -140,5 +140,5 @@ def test_the_first_line_of_a_public_function_or_method_is_a_command():
     assert len(methods) <= METHODS_WITHOUT_VERB, f"{len(methods)} methods begin without a verb: {', '.join(methods)}"
 
 
-METHODS_WITHOUT_VERB = 74
+METHODS_WITHOUT_VERB = 0
 """Public methods whose docstring does not begin with a verb in the imperative: a number that may only fall."""

@@ -59,20 +59,32 @@ EXPERIMENTS = {
 
 @dataclass(frozen=True)
 class Identification(Fit):
-    """Numbers that recordings tell, and those that they do not: a `Fit` with its friction curve; `print(found)`, `found.plot()`, `found.plot_residuals()`.
+    """Friction and mass that recordings determine, and the numbers that they do not determine: a `Fit` with its friction curve.
+
+    `print(found)`, `found.plot()` and `found.plot_residuals()` show it.
 
     Attributes
     ----------
+    names, units, values, standard_errors, covariance, confidence, interval_factor
+        Estimates, their standard errors and covariance, as for `Fit`.
+    residuals, panels, misfit, data_description, outliers, initial_mismatch, held
+        Data, and their deviation from the model, as for `Fit`.
+    condition_number, at_bounds, fixed_by, unidentifiable, indistinguishable_friction, sampling_errors
+        Quality of the estimates, as for `Fit`.
+    agreeing_starts, starts, exact_derivatives
+        Quality of the search, as for `Fit`.
+    display_units
+        {SI unit: unit that was typed}: the units of report and figure.
     untold
-        {number that the data do not tell: why, and which experiment would}.
+        {number that the data do not determine: the reason, and the experiment that would determine it}.
     points
         Friction in the data: speed and force, shape (2, points).
     curve
-        Friction of the law: speed, force and both ends of its interval, shape (4, points).
+        Friction of the fitted law: speed, force and both ends of its confidence interval, shape (4, points).
     curve_units
-        Units of speed and force of both.
+        Units of speed and force of `points` and `curve`.
     recordings
-        What was read, in words.
+        Description of the recordings.
     """
 
     untold: Mapping[str, str] = field(default_factory=dict)
@@ -88,13 +100,13 @@ class Identification(Fit):
         return [*lines, "", *self.recordings]
 
     def plot(self) -> Any:
-        """Draw friction against speed: the points of the data, the law, and its interval. Returns the axes."""
+        """Draw friction over speed: the points of the data, the friction law, and its confidence interval. Return the axes."""
         from toolbox.calibration.figures import friction_curve  # here, because matplotlib is slow to import
 
         return friction_curve(self)
 
     def plot_residuals(self) -> Any:
-        """Draw what was measured against the model, and the residuals. Returns the axes."""
+        """Draw measurement and model, and the residuals. Return the axes."""
         return super().plot()
 
 

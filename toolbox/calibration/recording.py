@@ -148,7 +148,7 @@ class Recording(Result):
         return replace(self, held=tuple(self._known(name) for name in names_of(inputs)))
 
     def between(self, begin: NumberOrText, end: NumberOrText) -> Recording:
-        """The samples between two times [s], whose clock then begins at 0."""
+        """Return the samples between two times [s]. The time of the result begins at 0."""
         begin, end = number("begin", begin, "s"), number("end", end, "s")
         inside = (self.time >= begin) & (self.time <= end)
         if inside.sum() < 3:
@@ -163,14 +163,14 @@ class Recording(Result):
         return replace(self, time=self.time[inside] - first, signals=signals, flaws=tuple(flaws), begin=self.begin + float(first))
 
     def windows(self, names: Sequence[str] | None = None, max_gap: int = 2) -> list[tuple[float, float]]:
-        """Stretches (begin, end) [s] in which the named signals, by default all, have no gap.
+        """Return the time ranges (begin, end) [s] in which the named signals have no gap.
 
         Parameters
         ----------
         names
-            The signals.
+            The signals. By default all.
         max_gap
-            Samples that may be missing in a row.
+            Number of consecutive samples that may be missing.
         """
         usual, longest = local_spacing(self.time)
         good = np.all([np.isfinite(self.signals[self._known(name)]) for name in (self.signals if names is None else names)], axis=0)
@@ -223,12 +223,12 @@ class Recording(Result):
 
     @property
     def interval(self) -> float:
-        """Usual time between samples [s]."""
+        """Typical time between samples [s]."""
         return spacing(self.time)[0]
 
     @property
     def gap(self) -> float:
-        """Time between neighbouring samples [s] that counts as a gap, from the spacing of the whole recording."""
+        """Time between neighbouring samples that counts as a gap [s], derived from the spacing of the whole recording."""
         return spacing(self.time)[1]
 
     @property
@@ -237,7 +237,10 @@ class Recording(Result):
         return np.diff(self.time) > local_spacing(self.time)[1]
 
     def resampled(self, interval: NumberOrText) -> Recording:
-        """The recording at even times: means of the samples around each where they are denser, else on the line between neighbours, and nan inside of gaps.
+        """Return the recording at equidistant times.
+
+        Each value is the mean of the samples around it if they are denser than the new times, else the linear
+        interpolation between neighbours. Inside gaps it is nan.
 
         Parameters
         ----------
@@ -261,10 +264,11 @@ class Recording(Result):
         return replace(self, time=times, signals=signals, notes=(*self.notes, f"resampled every {interval:g} s"))
 
     def shift(self, name: str, against: str, max_lag: NumberOrText = 5.0) -> float:
-        """Return the delay [s] of one channel relative to another: the shift with the highest correlation of their changes, between samples
-        by a parabola.
+        """Return the delay of one channel relative to another [s].
 
-        It is the shift of a clock where both channels follow the same thing; between a cause and its effect it holds the delay of the machine, too.
+        It is the shift with the highest correlation of the changes of both channels, interpolated between samples by a
+        parabola. If both channels follow the same quantity, it is the shift of the clock. Between a cause and its
+        effect it also contains the delay of the machine.
 
         Parameters
         ----------
@@ -276,7 +280,7 @@ class Recording(Result):
         Raises
         ------
         SceneError
-            If the channels change too little together to tell.
+            If the channels have too few changes in common.
         """
         max_lag = number("max_lag", max_lag, "s", above=0)
         step = self.interval
@@ -302,7 +306,9 @@ class Recording(Result):
         return float(step * (lags[best] + (0.5 * (left - right) / bend if bend else 0.0)))
 
     def shifted(self, shifts: Mapping[str, NumberOrText]) -> Recording:
-        """Return the recording with channels moved earlier by their shifts {name: s}, on the same times; nan at times without a measurement."""
+        """Return the recording with channels moved to earlier times by their shifts {name: s}. The times stay, and values are nan if there is no
+        measurement.
+        """
         signals = dict(self.signals)
         for name, value in shifts.items():
             seconds = number(f"shifts.{name}", value, "s")
@@ -351,7 +357,7 @@ class Recording(Result):
         return ", ".join(words)
 
     def found(self, channel: str) -> dict[str, int]:
-        """{kind of flaw: how many samples} of a channel, or of "time"."""
+        """Return {kind of flaw: number of samples} of a channel, or of "time"."""
         return {flaw.kind: flaw.count for flaw in self.flaws if flaw.channel == channel}
 
     def plot(self) -> Any:

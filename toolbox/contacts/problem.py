@@ -162,21 +162,24 @@ class ContactProblem(Renamed):
         return int(self.tangent.shape[1])
 
     def displacements(self) -> np.ndarray:
-        """(m, n) rows of the displacements of all contacts: closures first, if they can open, then tangential ones, contact by contact."""
+        """Rows of the displacements of all contacts, shape (m, n): first the closures, if contacts can open, then the tangential displacements,
+        contact by contact.
+        """
         sliding = self.tangent.reshape(-1, self.size)
         return sliding if self.normal is None else np.vstack([self.normal, sliding])
 
     def coefficients(self) -> tuple[float, ca.Function]:
-        """Coefficient of friction at rest, and that while sliding as a function of the slip speed [m/s]."""
+        """Return the coefficient of friction at rest, and the kinetic coefficient as a function of the slip speed [m/s]."""
         speed = ca.SX.sym("speed")
         return float(self.friction.breakaway()), ca.Function("sliding", [speed], [self.friction.sliding(speed)])
 
 
 @dataclass(frozen=True)
 class ContactBody(Renamed):
-    """A body with many contacts as a scene names it: subclass it as a frozen dataclass, declare numbers with `quantity`, write `problem`.
+    """Body with many contacts, for scene files. Write your own body as a frozen dataclass: declare numbers with `quantity` and write `problem`.
 
-    Classes of a registered package, or of a file given by `--load`, are in the catalogue, as parts of a plant are. See `ContactScene`.
+    Classes of a registered package, or of a file that is given with `--load`, are in the catalogue, like parts of a
+    plant. See `ContactScene`.
     """
 
     def __post_init__(self) -> None:
@@ -186,5 +189,5 @@ class ContactBody(Renamed):
         """Raise SceneError if fields contradict each other. Bounds that are declared with `quantity` are checked without this method."""
 
     def problem(self) -> ContactProblem:
-        """The matrices, contacts, inputs and outputs that the fields describe."""
+        """Return the matrices, contacts, inputs and outputs that the fields describe."""
         raise NotImplementedError

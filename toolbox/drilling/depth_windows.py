@@ -139,7 +139,7 @@ class Windows(Told, Result):
         return headings, rows
 
     def plot(self, axes: Any = None) -> Any:
-        """The window of every depth, one picture each; see `toolbox.drilling.figures.window_diagram`. Returns the axes."""
+        """Draw the window of every depth, one figure each (`toolbox.drilling.figures.window_diagram`), and return the axes."""
         from toolbox.drilling.figures import window_diagram
 
         first, second, deep = (reading(unit, self.display_units) for unit in (*self.units, "m"))

@@ -54,7 +54,7 @@ HARDER = np.linspace(0.4, 2.0, 9)
 class Knowledge(Renamed):
     """Prior knowledge of machine and measurement. Numbers of the machine are log-normal around the nominal numbers.
 
-    One setting serves stick-slip and smooth running; that of the measurement should be what it is.
+    One setting is used for stick-slip and for smooth running. Give the real noise of your measurement.
     """
 
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)

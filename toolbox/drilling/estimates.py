@@ -125,7 +125,7 @@ class Estimates(Told, Result):
 
     @property
     def spells(self) -> list[tuple[float, float]]:
-        """Begin and end [s] of each time of stick-slip, as it was told; a gap of the log ends one."""
+        """Begin and end of each time of stick-slip [s], as it was reported. A gap of the log ends such a time."""
         return _stretches(self.time, self.stick_slip)
 
     def _told(self) -> list[str | Rows]:
@@ -173,7 +173,7 @@ class Estimates(Told, Result):
         ]
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the estimates that are known with their bands of 95 %, and when there was stick-slip; returns the axes."""
+        """Draw the known estimates with their 95 % bands, and the times of stick-slip. Return the axes."""
         from toolbox.drilling.figures import estimate_diagram
 
         return estimate_diagram(self, axes)

@@ -235,21 +235,22 @@ def borders(
 
 @dataclass(frozen=True)
 class LowestSetPoints(Result):
-    """Lowest set-points of controllers on groups of plants: `print(found)` shows the table, `found["soft torque", "one_at_a_time"].lowest_set_point` is a
-    single set-point.
+    """Lowest set-points of controllers on groups of plants.
+
+    `print(found)` shows the table, `found["soft torque", "one_at_a_time"].lowest_set_point` is a single set-point.
 
     Attributes
     ----------
     initial_controller
-        The drive that the laws take over from.
+        The controller whose stick-slip is taken over.
     entries
         {(label of the controller, name of the group, protocol): `SetPointLimit`}.
     bounds, step
-        Set-points that were searched [rad/s].
+        Range of set-points that was searched, and its step [rad/s].
     display_units
-        {unit: unit in which it was typed}.
+        {SI unit: unit that was typed}.
     situation
-        The situation that the verdict holds for, in one line.
+        The situation for which the verdict holds, in one line.
     """
 
     initial_controller: str
@@ -278,7 +279,7 @@ class LowestSetPoints(Result):
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
-        """The table as text."""
+        """Return the table as text."""
         speed, torque = reading("rad/s", self.display_units), reading("N m", self.display_units)
         heads = (
             "controller",
@@ -313,7 +314,7 @@ class LowestSetPoints(Result):
 
     @property
     def title(self) -> str:
-        """A sentence that says what was searched."""
+        """Sentence that describes the search."""
         factor, unit = reading("rad/s", self.display_units)
         low, high, step = (f"{value * factor:.3g}" for value in (*self.bounds, self.step))
         return f"Lowest set-points at which a law ends the stick-slip under {self.initial_controller} ({low} to {high} {unit}, steps of {step} {unit})"
@@ -334,12 +335,14 @@ class LowestSetPoints(Result):
         return ["controller", "group", "protocol", *names], [[*key, *map(vars(each).get, names)] for key, each in self.entries.items()]
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the lowest set-points of every law on every group, those of the protocol `takeover` filled and those of `ramp` open; returns the axes.
+        """Draw the lowest set-points of every controller on every group, and return the axes.
+
+        Points of the protocol `takeover` are filled, points of `ramp` are open.
 
         Parameters
         ----------
         ax
-            Axes to draw into; a figure of its own by default.
+            Axes to draw into. By default a new figure.
         """
         from toolbox.drilling.figures import set_point_diagram
 
@@ -351,7 +354,7 @@ class LowestSetPoints(Result):
         return set_point_diagram(rows, self.bounds[1] * factor, unit, ax)
 
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
-        """The entries of both, in this order."""
+        """Return the entries of both results, in this order."""
         return dataclasses.replace(self, entries={**self.entries, **other.entries})
 
 

@@ -49,7 +49,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of a table, {column: number in SI or text}. Each row knows its place, so that an error can name it."""
+    """Rows of a table, each as {column: number in SI, or text}. Each row knows its position, so that an error can name it."""
 
     path: Path
     rows: tuple[Mapping[str, Any], ...]
@@ -60,7 +60,17 @@ class Table:
         return iter(self.rows)
 
     def error(self, row: int, column: str, words: str) -> SceneError:
-        """The error for a cell, row counted from 0; words: what the cell must be."""
+        """Return the error for a cell.
+
+        Parameters
+        ----------
+        row
+            Index of the row, counted from 0.
+        column
+            Name of the column.
+        words
+            Description of a correct value of the cell.
+        """
         return _fault(self.path, self.places[row], self.headings.get(column, column), words)
 
 

@@ -68,7 +68,7 @@ class Sensitivity:
         return values[:, 0] if values.shape[1] == 1 else values
 
     def end(self, name: str) -> np.ndarray:
-        """Derivatives of a signal at the end of the run, shape (k,) or (size, k)."""
+        """Return the derivatives of a signal at the end of the run, shape (k,) or (size, k)."""
         values = self._of(name, self._tangent.end[None], self.run.at(self.run.end))[0]
         return values[0] if values.shape[0] == 1 else values
 
@@ -106,7 +106,7 @@ class Sensitivity:
         return variational_equations(self.run.every_step.program, self._columns)
 
     def time_in(self, element: str, mode: str, after: float = 0.0) -> np.ndarray:
-        """Derivatives of `run.time_in(element, mode, after)`, shape (k,)."""
+        """Return the derivatives of `run.time_in(element, mode, after)`, shape (k,)."""
         self.run.time_in(element, mode, after)
         total = np.zeros(len(self.to))
         for event, row in zip(self.run.events, self.event_times, strict=True):
@@ -117,8 +117,8 @@ class Sensitivity:
     def peak(self, name: str, after: float = 0.0) -> np.ndarray:
         """Return the derivatives of the largest value of a scalar signal after a time [s], shape (k,).
 
-        They are those at the time of the peak, whose own shift has no effect. Raises SceneError where the largest value stands at an end of the window, where
-        it is no peak.
+        They are the derivatives at the time of the peak, whose own shift has no effect. Raises SceneError if the
+        largest value is at an end of the window, because it is then no peak.
         """
         from toolbox.measuring.measure import extent
 
@@ -136,7 +136,10 @@ class Sensitivity:
         return self._of(name, self._between(np.array([t])), nodes.at([t]))[0, 0]
 
     def mean_square(self, name: str, target: float = 0.0, after: float = 0.0) -> np.ndarray:
-        """Derivatives of `measure.mean_square(run, name, target, after=after)`, shape (k,); a jump of the signal at an event counts with the event's time."""
+        """Return the derivatives of `measure.mean_square(run, name, target, after=after)`, shape (k,).
+
+        A jump of the signal at an event contributes through the time of the event.
+        """
         from toolbox.measuring.energy import gauss
         from toolbox.simulation.samples import window
 

@@ -68,12 +68,12 @@ class _Cancelled(Exception):
 
 
 class Page:
-    """A page that is served while its process lives, or until `close`; in a notebook it shows itself in a frame.
+    """Page that is served while its process lives, or until `close`. In a notebook the page shows itself in a frame.
 
     Attributes
     ----------
     address
-        Where a browser of this computer finds it, with the token that lets it in.
+        Address of the page for a browser on this computer, with the secret token.
     """
 
     def __init__(self, loops: Mapping[str, ClosedLoop], scene: Scene | None, path: str | None, system: str | None, port: int):
@@ -101,7 +101,7 @@ class Page:
 
     @property
     def address(self) -> str:
-        """Where a browser of this computer finds the page."""
+        """Address of the page for a browser on this computer."""
         return self.server.address
 
     def close(self) -> None:
@@ -317,7 +317,7 @@ class Page:
         return found
 
     def warm(self) -> None:
-        """Run and map the first view of the page, so that all code is compiled before a user waits. Ends with the page."""
+        """Run and map the first view of the page, so that all code is compiled before a user waits. Stops when the page ends."""
         told: dict[str, Any] = {"page": "", "setting": {"label": next(iter(self.loops)), "changes": {}, "disturbance": ""}}
         with contextlib.suppress(SceneError, SimulationError):
             self._answer("run", told)

@@ -44,34 +44,36 @@ BEGINS = 0.02
 
 @dataclass(frozen=True)
 class UncertainOnset(Told, Result):
-    """Borders of stick-slip of machines that are drawn, as `uncertain_onset` returns them: `print(found)`, `found.lowest(0.95)`, `found.plot()`.
+    """Borders of stick-slip for random machines, the result of `uncertain_onset`: `print(found)`, `found.lowest(0.95)`, `found.plot()`.
 
     Attributes
     ----------
     title
-        Of the machine.
+        Name of the machine.
     name, unit
-        The number over which the border lies.
+        The number along which the border is searched.
     bounds
-        Range that was looked at, in SI.
+        Range that was searched, in SI.
     uncertainty
-        {name: what is known of it, in words}.
+        {name: description of its distribution}.
     names, points
-        What was drawn, in SI, shape (draws, names).
+        The drawn numbers, in SI, shape (draws, names).
     onset_values
-        {label: from which value on each draw is free, shape (draws,)}: minus infinity where it is free in the whole range, infinity where not at its end.
+        {label: value above which each draw is free of stick-slip, shape (draws,)}. -inf if it is free in the whole
+        range, inf if it is not free at the end of the range.
     smooth_running_limits
-        {label: the highest value at which each draw loses smooth running}, nan where it does not within the range, or where no slope is known.
+        {label: highest value at which each draw loses smooth running}. nan if it does not within the range, or if no
+        slope is known.
     tolerance
-        Width to which the borders were halved.
+        Width at which the bisection of the borders ended.
     undecided_runs
-        {label: number of runs of which nobody knows}; they count as stick-slip.
+        {label: number of undecided runs}, which count as stick-slip.
     duration, accuracy
         Length [s] and accuracy of a run.
     confidence
-        Of the bounds.
+        Confidence level of the bounds.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit that was typed}.
     """
 
     title: str
@@ -91,7 +93,9 @@ class UncertainOnset(Told, Result):
     display_units: Mapping[str, str] = field(default_factory=dict)
 
     def lowest(self, free: float = 0.95) -> dict[str, float]:
-        """Return for each controller the lowest value at which a machine is free with a given probability, by its bound.
+        """Return for each controller the lowest value that is free of stick-slip with a given probability.
+
+        The confidence bound must reach the probability.
 
         Parameters
         ----------
@@ -101,12 +105,12 @@ class UncertainOnset(Told, Result):
         Returns
         -------
         dict
-            {label: value}; infinity where there is none within the range.
+            {label: value}. inf if there is none within the range.
 
         Raises
         ------
         SceneError
-            If so few draws can show no such probability even where all of them are free.
+            If the number of draws is too small to show this probability even if all of them are free.
         """
         free = number("free", free, above=0, below=1)
         least = least_draws(free, self.confidence)

@@ -26,28 +26,28 @@ from toolbox.steady_states.steady_loop import smooth_start, steady_loop
 
 @dataclass(frozen=True)
 class Margins(Told, Result):
-    """Margins of a closed loop at steady running: `print(found)` shows all, `found.plot()` draws the Nyquist curve and the sensitivity.
+    """Margins of a closed loop at steady running: `print(found)` shows them, `found.plot()` draws the Nyquist curve and the sensitivity.
 
     Attributes
     ----------
     title
-        The laws and how they run.
+        The controllers and how they run.
     stable
-        Whether the linear loop is stable; False where there is none.
+        Whether the linear loop is stable. False if there is no linear loop.
     loop_margins
         `LoopMargins` of every command, with the others closed.
     multiloop
-        `JointMargins` of several commands together; None for one.
+        `JointMargins` of several commands together. None for one command.
     operating_point, units
-        {name: value} of set-points, commands and scalar states at the working point, and the units of the first two.
+        {name: value} of set-points, commands and scalar states at the operating point, and the units of the first two.
     reason
-        Why there is no linear loop; empty where there is one.
+        Reason why there is no linear loop. Empty if there is one.
     simulated_margins
-        Margins found by simulation; None where they were not asked for.
+        Margins found by simulation. None if they were not requested.
     linear_loop
         The linear loop, for other tools.
     display_units
-        {unit: unit that was typed}: the units in which `print` answers.
+        {SI unit: unit that was typed}: the units in which `print` answers.
 
     Examples
     --------
@@ -133,9 +133,9 @@ class Margins(Told, Result):
         return lines
 
     def plot(self, axes: Any = None) -> Any:
-        """The Nyquist curve with the disk that it must not enter, and the sensitivities; returns both axes.
+        """Draw the Nyquist curve with the disk of the disk margin, and the sensitivities. Return both axes.
 
-        See `toolbox.robustness.figures.margins_diagram`. Raises SceneError where there is no linear loop.
+        See `toolbox.robustness.figures.margins_diagram`. Raises SceneError if there is no linear loop.
         """
         if self.linear_loop is None:
             raise SceneError(f"There is no linear loop to be drawn: {self.reason}.")

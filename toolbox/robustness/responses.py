@@ -19,7 +19,9 @@ from toolbox.robustness.margins import Margins, margins
 
 @dataclass(frozen=True)
 class FrequencyResponse(Result):
-    """Frequency response of a loop that is broken at its commands: L(i w) of negative feedback, of each command with the others closed.
+    """Frequency response L(i w) of a loop that is broken at its commands, for negative feedback.
+
+    For each command the other commands stay closed.
 
     Attributes
     ----------

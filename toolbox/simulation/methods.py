@@ -117,7 +117,7 @@ class EventExact(Method):
     chooses: ClassVar[bool] = True
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Taylor series, or explicit formulas."""
+        """Return Taylor series or explicit formulas."""
         return self.unwatched(accuracy, system).formulas(accuracy, system)
 
     def unwatched(self, accuracy: float, system: HybridSystem) -> Method:
@@ -238,7 +238,7 @@ class TimeStepping(Method):
             number("step", self.step, "s", at_least=duration / self.budget.steps)
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """The theta method of Moreau and Jean."""
+        """Return the theta method of Moreau and Jean."""
         return MOREAU_JEAN
 
     @property

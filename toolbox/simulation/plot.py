@@ -80,7 +80,7 @@ class Pictured(Protocol):
     def __getitem__(self, name: str) -> Any: ...
 
     def unit(self, name: str) -> str:
-        """Unit of a signal."""
+        """Return the unit of a signal."""
 
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
         """(begin, end, mode) of one element."""

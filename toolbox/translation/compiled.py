@@ -79,7 +79,10 @@ class Compiled:
         return done
 
     def bound(self, *given: Any) -> Callable[[], int]:
-        """A call on these arrays, for who owns them for life: they are looked at here, once, and not in every call. Raises TypeError as a call does."""
+        """Return a call on these arrays, for an object that owns them permanently.
+
+        The arrays are checked once here, and not in every call. Raises TypeError as a call does.
+        """
         views = self._viewed(given)
         tables = [np.array([entry for array in work for entry in (array.ctypes.data, *array.shape)], np.int64) for work in views]
         entry = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * len(tables))(self.address)

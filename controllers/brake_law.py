@@ -62,7 +62,7 @@ class BrakeLaw(Controller):
     inertia: OptionalQuantity = quantity(None, "kg m2", "inertia I on the disc", above=0)
     radius: OptionalQuantity = quantity(None, "m", "effective radius r of the pads", above=0, typical_range=(0.01, 1.0))
     border: OptionalQuantity = quantity(None, "N", "force N_0 above which the pad groans at standstill", above=0)
-    growth: OptionalQuantity = quantity(None, "s/rad", "growth q of the border of groan with the disc speed", at_least=0)
+    border_growth: OptionalQuantity = quantity(None, "s/rad", "growth q of the border of groan with the disc speed", at_least=0)
     border_speeds: OptionalQuantities = quantity(None, "rad/s", "disc speeds, from 0 upwards, at which the border changes", at_least=0)
     border_forces: OptionalQuantities = quantity(None, "N", "border from each of `border_speeds` up to the next one", above=0)
 
@@ -88,15 +88,18 @@ class BrakeLaw(Controller):
             found = {name: plant.parameter(f"disc.{name}") for name in ("inertia", "radius") if getattr(self, name) is None}
         except SceneError as error:
             raise SceneError(f"{type(self).__name__} needs `inertia` and `radius` of the disc: {error}") from None
-        if self.margin is not None and self.border_forces is None and (self.border is None or self.growth is None):
+        if self.margin is not None and self.border_forces is None and (self.border is None or self.border_growth is None):
             border = groan_border(plant)
-            if border.growth > 0.0:
-                first, growth = border.forces[0], border.growth
-                found |= {"border": first if self.border is None else self.border, "growth": growth if self.growth is None else self.growth}
-            elif self.border is not None or self.growth is not None:
-                missing = "growth" if self.growth is None else "border"
+            if border.border_growth > 0.0:
+                first, growth = border.forces[0], border.border_growth
+                found |= {
+                    "border": first if self.border is None else self.border,
+                    "border_growth": growth if self.border_growth is None else self.border_growth,
+                }
+            elif self.border is not None or self.border_growth is not None:
+                missing = "border_growth" if self.border_growth is None else "border"
                 raise SceneError(
-                    f"Arguments `border` and `growth` must be given together on friction that is not exponential, but `{missing}` is missing."
+                    f"Arguments `border` and `border_growth` must be given together on friction that is not exponential, but `{missing}` is missing."
                 )
             else:
                 found |= {"border_speeds": border.speeds, "border_forces": tuple(min(force, UNBOUNDED) for force in border.forces)}
@@ -110,7 +113,7 @@ class BrakeLaw(Controller):
     def border_at(self, speed: Any) -> Any:
         """Return the force [N] above which the pad groans at a disc speed [rad/s] >= 0, an expression or numbers of any shape."""
         if self.border_forces is None or self.border_speeds is None:
-            return self.border * (ca if isinstance(speed, ca.SX) else np).exp(self.growth * speed)
+            return self.border * (ca if isinstance(speed, ca.SX) else np).exp(self.border_growth * speed)
         if not isinstance(speed, ca.SX):
             return np.asarray(self.border_forces)[np.searchsorted(self.border_speeds, speed, side="right") - 1]
         force: Any = self.border_forces[0]
@@ -158,8 +161,8 @@ class GroanBorder(NamedTuple):
         Disc speeds at which the pieces of the border begin [rad/s], ascending, the first 0.
     forces
         Force of each piece [N]. inf if the pad does not groan at any force.
-    growth
-        Growth q of the border with the disc speed [s/rad]. The border is forces[i] exp(growth w) for disc speeds w from
+    border_growth
+        Growth q of the border with the disc speed [s/rad]. The border is forces[i] exp(border_growth w) for disc speeds w from
         speeds[i] to speeds[i + 1].
 
     Examples
@@ -174,16 +177,16 @@ class GroanBorder(NamedTuple):
 
     speeds: tuple[float, ...]
     forces: tuple[float, ...]
-    growth: float = 0.0
+    border_growth: float = 0.0
 
     def at(self, speed: float) -> float:
         """Return the border [N] at a disc speed [rad/s] >= 0. If two pieces meet at this speed, the piece of the higher speeds is used."""
         piece = int(np.searchsorted(self.speeds, number("speed", speed, "rad/s", at_least=0), side="right")) - 1
-        return self.forces[piece] * math.exp(self.growth * speed)  # growth is 0 where a piece has no border
+        return self.forces[piece] * math.exp(self.border_growth * speed)  # growth is 0 where a piece has no border
 
     def __str__(self) -> str:
         ends = (*self.speeds[1:], math.inf)
-        grows = f" x exp({self.growth:g} s/rad x disc speed)" if self.growth else ""
+        grows = f" x exp({self.border_growth:g} s/rad x disc speed)" if self.border_growth else ""
         told = (f"{force:.1f} N" if math.isfinite(force) else "no border" for force in self.forces)
         rows = zip(self.speeds, ends, told, strict=True)
         return "\n".join(["Border of groan, force of one pad", *(f"  {u:8.3f} to {w:8.3f} rad/s  {force}{grows}" for u, w, force in rows)])
@@ -282,6 +285,6 @@ def groan_force(plant: HybridSystem) -> tuple[float, float]:
     Under N_0 the pad keeps its damping down to standstill. Raises SceneError for a plant whose pad has another law of friction: see `groan_border`.
     """
     border = groan_border(plant)
-    if border.growth == 0.0:
+    if border.border_growth == 0.0:
         raise SceneError("The border grows exponentially with speed only for exponential friction: use `groan_border`.")
-    return border.forces[0], border.growth
+    return border.forces[0], border.border_growth

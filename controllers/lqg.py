@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from controllers.lqr import LQR
 from controllers.observers import Kalman
-from controllers.on_estimates import OnEstimates
+from controllers.on_estimates import StringObserverController
 from toolbox import Quantity, quantity
 
 
@@ -14,7 +14,7 @@ from toolbox import Quantity, quantity
 class LQG(LQR):
     """LQG control of the top drive: the state feedback of `LQR` on states that a Kalman filter estimates from the top speed.
 
-    `design` returns `OnEstimates(LQR, Kalman)`. The estimates are recorded as `estimate.bit.speed`,
+    `design` returns `StringObserverController(LQR, Kalman)`. The estimates are recorded as `estimate.bit.speed`,
     `estimate.bit.torque` and so on. `delay_samples` is the number of samples by which commands reach the drive later.
 
     Without rock and torque limits the poles of the loop are the poles of the regulator and the poles of the filter
@@ -58,4 +58,4 @@ class LQG(LQR):
             torque_process_noise=self.torque_process_noise,
             drive_process_noise=self.drive_process_noise,
         )
-        return OnEstimates(regulator, observer, delay_samples=self.delay_samples).design(plant)
+        return StringObserverController(regulator, observer, delay_samples=self.delay_samples).design(plant)

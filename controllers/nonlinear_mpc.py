@@ -73,7 +73,7 @@ class NonlinearMPC(Predictive):
     match_static_peak: bool = True
     adapt_rock_strength: bool = True
     iterations: int = 1
-    steps: int = 4
+    integration_steps: int = 4
     standstill_speed: Quantity = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
     rock_strength_time: Quantity = quantity(
         1.0, "s", "time constant with which the estimate follows the strength of a sliding rock", above=0
@@ -88,7 +88,7 @@ class NonlinearMPC(Predictive):
 
     def check(self):
         super().check()
-        for name in ("iterations", "steps"):
+        for name in ("iterations", "integration_steps"):
             whole(name, getattr(self, name), 1)
         if not self.soft_limits:
             raise SceneError("Argument `soft` must be True for a nonlinear law: its limits of speed and twist give way where they must.")
@@ -122,7 +122,7 @@ class PlannedNonlinear(PredictiveLaw):
         free = string_model(plant).A
         self.target = np.array([np.append(*steady(free, model, *on)) for on in ((1.0, 0.0), (0.0, 1.0))]).T
         self.place = int(np.flatnonzero(model.bit)[0])
-        steps = law.steps
+        steps = law.integration_steps
         if law.width is not None:
             # a Runge-Kutta step of order four is stable up to 2.78 over the steepest slope of the regularised rock
             steepest = 1.3 * self.torques_of_rock[0] / law.width * float(model.E @ model.bit)

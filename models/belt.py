@@ -95,7 +95,7 @@ class BlockOnBelt(Component):
 
 
 @dataclass(frozen=True)
-class Guide(Component):
+class GuideContact(Component):
     """Second friction surface on a block: a guide, a seal, or a slide with bristles. Its force on the block is a = F.
 
     F is dry friction with the slip speed v - v_belt.
@@ -114,10 +114,10 @@ class Guide(Component):
 
     Examples
     --------
-    >>> from models import Block, Guide
+    >>> from models import Block, GuideContact
     >>> from toolbox import compose
-    >>> print(compose(Block(), Guide()))
-    HybridSystem(Block, Guide): 2 states (block.position, block.speed); contacts: guide; inputs: block.force [N], guide.load [N]
+    >>> print(compose(Block(), GuideContact()))
+    HybridSystem(Block, GuideContact): 2 states (block.position, block.speed); contacts: guide; inputs: block.force [N], guide.load [N]
     """
 
     load: Quantity = quantity(1.0, "N", "normal load; 1 if the friction law is a force", at_least=0)

@@ -27,7 +27,7 @@ class DiscBrake(Component):
     - `lag`: a first-order lag between the command and N. `BrakeActuator` is an actuator with limits.
     - `wheel_radius` R: the speed of the car, R w, replaces the speed of the disc as a state. A stop then begins with
       `start={"disc.car_speed": "30 km/h"}`.
-    - `other_friction`: a separate friction law for the second pad, so that each pad carries the load N. Both pads are
+    - `second_pad_friction`: a separate friction law for the second pad, so that each pad carries the load N. Both pads are
       on one caliper.
     - `heat_capacity` C: the temperature h of the disc above the surroundings, C h' = F (r w - v) - cooling h. All
       friction is multiplied by max(1 - fade h, 0).
@@ -81,7 +81,7 @@ class DiscBrake(Component):
     wheel_radius: OptionalQuantity = quantity(
         None, "m", "radius R of the tyre, which makes the speed of the car a state", above=0, typical_range=(0.05, 2.0)
     )
-    other_friction: FrictionLaw | None = None
+    second_pad_friction: FrictionLaw | None = None
     heat_capacity: OptionalQuantity = quantity(None, "J/K", "heat capacity C of the disc", above=0)
     cooling: Quantity = quantity(20.0, "W/K", "heat flow from the disc per kelvin above the surroundings", at_least=0)
     fade: Quantity = quantity(1e-3, "1/K", "relative loss of friction per kelvin", at_least=0)
@@ -108,9 +108,9 @@ class DiscBrake(Component):
         if self.heat_capacity is not None:
             warming = state("disc.warming", "K")
             load = load * ca.fmax(1.0 - self.fade * warming, 0.0)
-        pads = [DryFriction("pad", slip, self.friction, 2 * load if self.other_friction is None else load)]
-        if self.other_friction is not None:
-            pads.append(DryFriction("other_pad", slip, self.other_friction, load))
+        pads = [DryFriction("pad", slip, self.friction, 2 * load if self.second_pad_friction is None else load)]
+        if self.second_pad_friction is not None:
+            pads.append(DryFriction("other_pad", slip, self.second_pad_friction, load))
         grip = -sum(pad.force for pad in pads)  # on the pads, along the rotation
         torque = self.radius * grip
         if self.heat_capacity is not None:

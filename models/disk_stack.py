@@ -129,7 +129,7 @@ class DiskStack(Component):
             supplies={"torque": torque * wheel, "actuator": actuator * v[0]},
         )
 
-    def clamped(self, force: NumberOrText) -> np.ndarray:
+    def static_positions(self, force: NumberOrText) -> np.ndarray:
         """Return the axial positions of the disks at rest under another actuator force, for a start without axial motion.
 
         Every spring of the stack carries the force: z_j = (force - F_0) (1 / k_b + (2n - j) / k_c).

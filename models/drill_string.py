@@ -83,7 +83,7 @@ class TorsionalChain(Component):
             whole("chain.collar_index", self.collar_index, -n, n - 1)
 
     @property
-    def lumped(self) -> str:
+    def mode_summary(self) -> str:
         """Text with the number of inertias and the first torsional natural frequencies, without drive and rock."""
         k, n = np.array(self.stiffness, float), len(self.inertia)
         joints = np.diff(np.eye(n), axis=0)

@@ -87,7 +87,7 @@ class WhirlingCollar(Component):
             )
 
     @property
-    def radius(self) -> Any:
+    def outer_radius(self) -> Any:
         """Outer radius of the collar, R_co = D_o/2 [m]."""
         return self.outer_diameter / 2
 
@@ -97,14 +97,14 @@ class WhirlingCollar(Component):
         return (self.hole_diameter - self.outer_diameter) / 2
 
     @property
-    def mass(self) -> Any:
+    def modal_mass(self) -> Any:
         """Modal mass m = L (rho A + rho_f pi/4 (D_i^2 + C_A D_o^2))/2 [kg], with the mud inside and the added mass of the mud outside."""
         steel = self.density * np.pi / 4 * (self.outer_diameter**2 - self.inner_diameter**2)
         mud = self.mud_density * np.pi / 4 * (self.inner_diameter**2 + self.added_mass * self.outer_diameter**2)
         return self.span * (steel + mud) / 2
 
     @property
-    def drag(self) -> Any:
+    def quadratic_drag(self) -> Any:
         """Coefficient of the quadratic drag of the mud, c_h = 2 rho_f C_D D_o L/(3 pi) [N s2/m2]."""
         return 2 * self.mud_density * self.drag_coefficient * self.outer_diameter * self.span / (3 * np.pi)
 
@@ -134,18 +134,18 @@ class WhirlingCollar(Component):
 
         Mud drag and wall contact are neglected.
         """
-        return self.mass * self.eccentricity * speed**2 / abs(self.stiffness(weight, torque) - self.mass * speed**2)
+        return self.modal_mass * self.eccentricity * speed**2 / abs(self.stiffness(weight, torque) - self.modal_mass * speed**2)
 
     def contact_speed(self, weight: float = 0.0, torque: float = 0.0) -> float:
         """Compute the lowest speed at which steady synchronous whirl reaches the wall, sqrt(k_l/m gap/(gap + e)) [rad/s].
 
         Mud drag is neglected.
         """
-        return float(np.sqrt(self.stiffness(weight, torque) / self.mass * self.gap / (self.gap + self.eccentricity)))
+        return float(np.sqrt(self.stiffness(weight, torque) / self.modal_mass * self.gap / (self.gap + self.eccentricity)))
 
     def rolling_ratio(self) -> float:
         """Ratio theta'/phi' = -R_co/gap of pure rolling: backward whirl without slip on the wall."""
-        return -self.radius / self.gap
+        return -self.outer_radius / self.gap
 
     def rolling_speed(self, weight: float = 0.0, torque: float = 0.0, friction: float | None = None) -> float:
         """Compute the lowest steady speed at which backward rolling along a rigid wall persists. inf if friction is too low at every speed.
@@ -169,7 +169,11 @@ class WhirlingCollar(Component):
             The speed of rotation w [rad/s].
         """
         mu = float(self.friction.breakaway()) if friction is None else friction
-        held = mu * self.mass * self.radius**2 / self.gap - self.mass * self.eccentricity * np.sqrt(1 + mu**2) - self.drag * self.radius**2
+        held = (
+            mu * self.modal_mass * self.outer_radius**2 / self.gap
+            - self.modal_mass * self.eccentricity * np.sqrt(1 + mu**2)
+            - self.quadratic_drag * self.outer_radius**2
+        )
         return float(np.sqrt(mu * self.stiffness(weight, torque) * self.gap / held)) if held > 0 else np.inf
 
     def equations(self, signal):
@@ -187,14 +191,14 @@ class WhirlingCollar(Component):
             "wall", r - self.gap, ca.dot(outward, v), restitution=self.restitution,
             stiffness=None if rigid else self.wall_stiffness, damping=0.0 if rigid else self.wall_damping,
         )  # fmt: skip
-        slip = self.radius * speed + ca.dot(along, v)
+        slip = self.outer_radius * speed + ca.dot(along, v)
         rub = DryFriction("rub", slip, self.friction, wall.force)
         softening = self.softening(weight, torque)
         current = ca.sqrt(ca.dot(v, v) + TINY**2)
-        force = (softening - self.bending_stiffness) * centre - self.drag * current * v - wall.force * outward + rub.force * along
-        moment = self.radius * rub.force + e * (force[0] * sin - force[1] * cos)
+        force = (softening - self.bending_stiffness) * centre - self.quadratic_drag * current * v - wall.force * outward + rub.force * along
+        moment = self.outer_radius * rub.force + e * (force[0] * sin - force[1] * cos)
         return Equations(
-            flow={phi: speed, displacement: velocity, velocity: force / self.mass},
+            flow={phi: speed, displacement: velocity, velocity: force / self.modal_mass},
             outputs={
                 "collar.torque": (moment, "N m"),
                 "collar.y": (centre[0], "m"),
@@ -202,8 +206,8 @@ class WhirlingCollar(Component):
                 "collar.radius": (r, "m"),
             },
             elements=[wall, rub],
-            stored=self.mass * ca.dot(velocity, velocity) / 2 + self.bending_stiffness * ca.dot(centre, centre) / 2 + wall.stored,
-            losses={"mud": self.drag * current**3, "rub": -rub.force * slip, "wall": wall.loss},
+            stored=self.modal_mass * ca.dot(velocity, velocity) / 2 + self.bending_stiffness * ca.dot(centre, centre) / 2 + wall.stored,
+            losses={"mud": self.quadratic_drag * current**3, "rub": -rub.force * slip, "wall": wall.loss},
             supplies={"string": -moment * speed, "weight and torque": softening * ca.dot(centre, v)},
         )
 
@@ -245,13 +249,13 @@ def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None,
     1.00
     """
     begin, end = window(run, after, until)
-    times = np.unique(np.concatenate([run.nodes.time[(run.nodes.time > begin) & (run.nodes.time < end)], [begin, end]]))
+    times = np.unique(np.concatenate([run.every_step.time[(run.every_step.time > begin) & (run.every_step.time < end)], [begin, end]]))
     for _ in range(12):  # until neighbours are less than a quarter turn apart
-        samples = run.nodes.at(times)
+        samples = run.every_step.at(times)
         theta = np.unwrap(np.arctan2(samples[f"{name}.z"], samples[f"{name}.y"]))
         far = np.flatnonzero(np.abs(np.diff(theta)) > np.pi / 4)
         if not far.size:
             break
         times = np.sort(np.concatenate([times, 0.5 * (times[far] + times[far + 1])]))
-    turned = run.nodes.at(np.array([begin, end]))[f"{name}.angle"]
+    turned = run.every_step.at(np.array([begin, end]))[f"{name}.angle"]
     return float((theta[-1] - theta[0]) / (turned[1] - turned[0])) if turned[1] != turned[0] else np.nan

@@ -152,7 +152,7 @@ class DrillString(TorsionalChain):
             raise SceneError(f"Argument `mud_density` must be smaller than the density of every section, but it is {mud_density:g} kg/m3.")
         hole = hole_of(survey, sum(section.length for section in pipes)) if survey is not None else None
         lumping = Lumping.of_band(pipes, band) if elements is None else Lumping.of_count(pipes, int(elements))
-        inertia = lumping.shared(lambda s: lumping.along([section.inertia for section in pipes], s))
+        inertia = lumping.shared(lambda s: lumping.along([section.inertia_per_length for section in pipes], s))
         fields: dict[str, Any] = {"drag": tuple((drag_rate * inertia).tolist())} if drag_rate else {}
         inertia[0] += top_inertia
         inertia[-1] += bit_inertia

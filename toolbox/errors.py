@@ -181,7 +181,7 @@ class BudgetError(SimulationError):
 
 
 class AccuracyError(SimulationError):
-    """Error for a method that cannot reach the requested accuracy. `run` is the best run, and `run.error` its error."""
+    """Error for a method that cannot reach the requested accuracy. `run` is the best run, and `run.error_estimate` its error."""
 
 
 class GrazingError(SimulationError):

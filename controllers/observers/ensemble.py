@@ -23,8 +23,8 @@ class Ensemble(Observer):
     - `bit.speed` [rad/s], `bit.torque` [N m], `top.speed` [rad/s];
     - `bit.friction_scale` [1]: strength of the rock as a multiple of the declared strength.
 
-    Use it inside `Observed` or `OnEstimates`, sampled at `period`. It runs in Python, and the run keeps its estimates
-    in `run.controllers[0].estimates`. It assumes that commands act without delay.
+    Use it inside `ObserverBasedController` or `StringObserverController`, sampled at `period`. It runs in Python, and the run
+    keeps its estimates in `run.controllers[0].estimates`. It assumes that commands act without delay.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)

@@ -36,8 +36,8 @@ class MovingHorizon(Observer):
     - Before the first sample the string is assumed at rest.
 
     The estimates are the same signals as for `Kalman`. `delay` is the time from a sample until its command reaches the
-    plant [s]. Use the observer inside `Observed`, sampled at `period`. It runs in Python, and the run keeps its
-    estimates in `run.controllers[0].estimates`.
+    plant [s]. Use the observer inside `ObserverBasedController`, sampled at `period`. It runs in Python, and the run keeps
+    its estimates in `run.controllers[0].estimates`.
 
     Source: C. V. Rao, J. B. Rawlings, D. Q. Mayne, IEEE Trans. Autom. Control 48 (2003) 246-258.
     """

@@ -90,11 +90,11 @@ def cases() -> dict[str, tuple[Any, Mapping[str, float]]]:
     found: dict[str, tuple[Any, Mapping[str, float]]] = {
         "EMPS": (
             identify(emps()),
-            {"axis.mass": MASS, f"{rail}viscous": VISCOUS, f"{rail}dry.static": LEVEL, "axis.offset": OFFSET},
+            {"axis.mass": MASS, f"{rail}viscous": VISCOUS, f"{rail}dry.static": LEVEL, "axis.force_offset": OFFSET},
         )
     }
     for label, (inertia, viscous, ahead, back) in PUMA.items():
-        one = identify(puma(inertia, viscous, ahead, back), "Joint", directions=True, held="joint.torque")
+        one = identify(puma(inertia, viscous, ahead, back), "Joint", directions=True, zero_order_hold="joint.torque")
         truth = {"joint.inertia": inertia, f"{bearing}forward.dry.static": ahead, f"{bearing}backward.dry.static": back,
                  f"{bearing}forward.viscous": viscous, f"{bearing}backward.viscous": viscous}  # fmt: skip
         found[label] = one, truth

@@ -96,8 +96,8 @@ VERDICT_SEEDS = (2001, 2002)
 EASED = 0.8
 COMMONLY = {"friction": 0.35, "highest_force": 8000.0}
 SOFT_PI = {"proportional": 0.1, "integral": 1.0}
-SOFT_SLIDING = {"filter_time": 0.1, "reaching": 0.3, "width": 0.2, "surface": 1.0}
-PHASED = {"speed": "pad.speed", "unit": "m/s", "depth": 0.5, "size": -0.2}
+SOFT_SLIDING = {"filter_time": 0.1, "reaching_rate": 0.3, "boundary_layer": 0.2, "surface_gain": 1.0}
+PHASED = {"speed": "pad.speed", "unit": "m/s", "depth": 0.5, "speed_scale": -0.2}
 
 
 @dataclass(frozen=True)

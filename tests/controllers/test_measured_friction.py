@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers import BrakeForce, HeldSpeed, groan_border
-from models import DiscBrake, Drop, Exponential, GaussianStribeck, Tabulated, Viscous
+from models import DiscBrake, Exponential, GaussianStribeck, StepFriction, Tabulated, Viscous
 from studies.questions import brake_check as own
 from studies.questions import brakes
 from toolbox import SceneError, closed_loop, compose, equilibrium, linearise, simulate
@@ -72,14 +72,14 @@ def test_of_any_other_law_the_border_is_never_above_the_true_one_and_near_it(fri
 
 def test_an_exponential_law_has_its_border_in_one_piece():
     found = groan_border(brake(Exponential(0.45, 0.35, 5.0)))
-    assert (found.speeds, found.forces[0], found.growth) == ((0.0,), pytest.approx(200.0), pytest.approx(0.6))
+    assert (found.speeds, found.forces[0], found.border_growth) == ((0.0,), pytest.approx(200.0), pytest.approx(0.6))
     assert found.at(2.0) == pytest.approx(200.0 * math.exp(1.2))
     assert "exp(0.6 s/rad" in str(found)
 
 
 def test_what_has_no_border_is_refused_with_what_to_give():
     with pytest.raises(SceneError, match="`border_speeds`"):
-        groan_border(brake(Drop()))
+        groan_border(brake(StepFriction()))
     with pytest.raises(SceneError, match="does not fall"):
         groan_border(brake(Tabulated(speeds=(0.0, 1.0), coefficients=(0.3, 0.4), static=0.4)))
     with pytest.raises(SceneError, match="given together"):
@@ -88,7 +88,7 @@ def test_what_has_no_border_is_refused_with_what_to_give():
         BrakeForce(border_speeds=(1.0, 2.0), border_forces=(100.0, 200.0)).check()
     with pytest.raises(SceneError, match="one length"):
         BrakeForce(border_speeds=(0.0, 2.0), border_forces=(100.0,)).check()
-    with pytest.raises(SceneError, match="`growth` is missing"):
+    with pytest.raises(SceneError, match="`border_growth` is missing"):
         BrakeForce(margin=0.8, border=500.0).design(brake())
 
 

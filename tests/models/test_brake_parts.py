@@ -69,7 +69,7 @@ def test_a_car_that_is_braked_by_its_deceleration_stops_after_the_distance_of_th
 
 
 def test_two_pads_add_their_friction_and_let_go_together():
-    plant = compose(DiscBrake(force=500.0, friction=Coulomb(0.5, 0.3), other_friction=Coulomb(0.3, 0.2)))
+    plant = compose(DiscBrake(force=500.0, friction=Coulomb(0.5, 0.3), second_pad_friction=Coulomb(0.3, 0.2)))
     run = simulate(plant, 1.0, start={"disc.speed": 9.0})
     assert run.at(0.5)["brake.torque"] == pytest.approx(500.0 * 0.12 * 0.5)
     bound = 500.0 * 0.12 * 0.8
@@ -81,7 +81,7 @@ def test_two_pads_add_their_friction_and_let_go_together():
 
 def test_two_pads_groan_above_the_damping_by_the_sum_of_their_falls():
     same, other = Exponential(0.45, 0.35, 5.0), Exponential(0.4, 0.38, 5.0)
-    two = groan_border(compose(DiscBrake(friction=same, other_friction=other)))
+    two = groan_border(compose(DiscBrake(friction=same, second_pad_friction=other)))
     for speed in (0.5, 2.0):
         true = 200.0 / ((0.1 + 0.02) * 5.0 * math.exp(-0.6 * speed))
         assert 0.8 * true < two.at(speed) <= true * (1.0 + 1e-9)

@@ -92,7 +92,7 @@ def test_an_example_of_a_docstring_runs_and_prints_what_it_shows(name, tmp_path,
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_public_function_describes_its_parameters_where_they_stand(name):
-    text, own = docstring(FUNCTIONS[name]), set(inspect.signature(FUNCTIONS[name]).parameters) - {"former", "others"}
+    text, own = docstring(FUNCTIONS[name]), set(inspect.signature(FUNCTIONS[name]).parameters) - {"former_names", "former_positional"}
     heads = [line for line in section(text, "Parameters").splitlines() if line[:1].strip()]
     assert own <= {word for line in heads for word in line.split(", ")}, f"{name} does not describe all of {sorted(own)}"
     elsewhere = re.search(r"^    As (in|of) `.*", section(text, "Parameters") + "\n" + section(text, "Raises"), re.MULTILINE)

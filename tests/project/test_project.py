@@ -62,8 +62,8 @@ MODULES = [toolbox.errors, toolbox.inputs, toolbox.measure, toolbox.plot]
 """Public modules: each function and class that they define is public, without a list."""
 FORMER = """
     AccuracyError Bifurcation Branch BudgetError ContactBody ContactProblem ContactRun ContactScene Cycle CycleError Differences Event
-    EventExact Explicit Fit GrazingError Hysteresis Implicit Margins Observed Observer OptionalQuantities OptionalQuantity Quantities Recording Relay
-    Sensitivity SeverityMap Smoothing Sweep Takeover TaylorSeries TimeStepping Tuned UnusualValue WorkPrecision WorstCase ZenoError absorber_limit
+    EventExact Explicit Fit GrazingError Hysteresis Implicit Margins ObserverBasedController Observer OptionalQuantities OptionalQuantity Quantities Recording
+    Relay Sensitivity SeverityMap Smoothing Sweep Takeover TaylorSeries TimeStepping Tuned UnusualValue WorkPrecision WorstCase ZenoError absorber_limit
     cycle_phases cycles linear overshoot performance_limit pole_locus press_contacts ramp reflection settling severity sine smoothed square step
     step_contacts stick_intervals triangle
 """

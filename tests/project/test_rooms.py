@@ -12,7 +12,8 @@ from toolbox.faces import public_names
 
 FLOORS = (
     "version",
-    "errors", "vocabulary", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping",
+    "errors", "former_names", "vocabulary",
+    "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping",
     "simulation", "contacts", "measuring", "prediction", "steady_states", "logs",
     "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "drilling", "export", "reports", "authoring",
     "models", "controllers",

@@ -238,7 +238,7 @@ def test_the_command_writes_report_figure_and_data_that_agree_with_the_run(writt
         *(stem + tail for stem in stems for tail in (".npz", ".csv", ".png")),
     }
     run = ContactScene.load(path).run("heavy")
-    run.error  # noqa: B018  as the command measures it
+    run.error_estimate  # noqa: B018  as the command measures it
     lines = str(run).splitlines()
     printed = capsys.readouterr().out
     assert lines[1] in printed and lines[2] in printed and lines[3] in printed

@@ -90,9 +90,9 @@ class Recording(Result):
         columns: Mapping[str, str] | None = None,
         *,
         nulls: Sequence[float] = (),
-        keep: Sequence[str] = (),
+        accepted_flaws: Sequence[str] = (),
         decimal: str | None = None,
-        held: str | Sequence[str] | None = None,
+        zero_order_hold: str | Sequence[str] | None = None,
     ) -> Recording:
         """Read a recording from a file, a table of pandas, a mapping {name: values} or a run.
 
@@ -120,12 +120,12 @@ class Recording(Result):
             run, numbers without a unit are SI.
         nulls
             Further numbers that mean "no value", in the unit of the log.
-        keep
+        accepted_flaws
             Kinds of flaws that are valid data here, such as "clipped" for a drive at its limit: null, clipped,
             drop-out, reversed, outlier.
         decimal
             Decimal separator "," or ".", if the log is ambiguous.
-        held
+        zero_order_hold
             Inputs that keep the value of a sample until the next one, such as the commands of a digital drive; () for
             none. By default `fit` estimates which inputs are held.
 
@@ -150,12 +150,12 @@ class Recording(Result):
         for name in columns or {}:
             if name != "time":
                 scalar_unit(plant, name)
-        if unknown := [kind for kind in keep if kind not in KINDS]:
-            raise SceneError(f"Argument `keep` must hold kinds of flaws, but it has `{unknown[0]}`: {suggest(unknown[0], KINDS)}")
+        if unknown := [kind for kind in accepted_flaws if kind not in KINDS]:
+            raise SceneError(f"Argument `accepted_flaws` must hold kinds of flaws, but it has `{unknown[0]}`: {suggest(unknown[0], KINDS)}")
         if decimal not in (None, ",", "."):
             raise SceneError(f'Argument `decimal` must be "," or ".", but it is {decimal!r}.')
-        read = read_channels(source_of(data, plant, columns, decimal), plant, columns, tuple(map(float, nulls)), keep)
-        return read if held is None else read.holding(held)
+        read = read_channels(source_of(data, plant, columns, decimal), plant, columns, tuple(map(float, nulls)), accepted_flaws)
+        return read if zero_order_hold is None else read.holding(zero_order_hold)
 
     def holding(self, inputs: str | Sequence[str]) -> Recording:
         """Return the recording with these inputs, and no others, held between samples (zero-order hold).
@@ -359,8 +359,8 @@ class Recording(Result):
         asked = [kind for kind in KINDS if kind in kinds]
         if not asked:
             return ""
-        options = " ".join(f"--keep {kind}" for kind in asked)
-        return f"samples that were left out are kept, where they are data, by {options} (in Python Recording.of(..., keep={asked!r}))"
+        options = " ".join(f"--accept-flaw {kind}" for kind in asked)
+        return f"samples that were left out are kept, where they are data, by {options} (in Python Recording.of(..., accepted_flaws={asked!r}))"
 
     def _told(self, channel: str) -> str:
         words = []

@@ -187,7 +187,7 @@ class Fit(Told, Result):
             why = (
                 "as declared"
                 if gain == np.inf
-                else f"as the data say (log-likelihood {gain:+.3g}; `held=()`, or --held none, draws straight lines)"
+                else f"as the data say (log-likelihood {gain:+.3g}; `zero_order_hold=()`, or --zero-order-hold none, draws straight lines)"
             )
             lines.append(f"  {name} is held between its samples, {why}")
         if len(self.names) > 1:

@@ -185,7 +185,7 @@ class ContactRun(Renamed):
         return parts
 
     @cached_property
-    def error(self) -> float:
+    def error_estimate(self) -> float:
         """Estimated error of the run: the largest error of displacements and of impulses of contact forces, from a second run with half the step.
 
         - Displacements of the contacts, and outputs in m, are compared at each instant as one vector, relative to the
@@ -255,7 +255,7 @@ class ContactRun(Renamed):
 
     @staticmethod
     def load(path: str | Path) -> ContactRun:
-        """Read a run from a file of `save`, without `error`, which needs another run.
+        """Read a run from a file of `save`, without `error_estimate`, which needs another run.
 
         Parameters
         ----------
@@ -402,7 +402,7 @@ class ContactRun(Renamed):
             word: value if abs(value) > 1e-12 * audit["size"] else 0.0 for word, value in audit.items() if word not in ("missing", "size")
         }
         taken = ", ".join(f"{word} {value:.3g} J" for word, value in told.items())
-        error = f"error {self.error:.1e}" if "error" in self.__dict__ else "error: ask `run.error`"
+        error = f"error {self.error_estimate:.1e}" if "error_estimate" in self.__dict__ else "error: ask `run.error_estimate`"
         return f"{steps}\n  {error}\n  share that sticks {share.min():.0%} .. {share.max():.0%}, {still}\n  energy: {taken}"
 
 

@@ -370,7 +370,7 @@ def _pair(values: Any) -> tuple[float, float]:
 
 def _border(loop: ClosedLoop) -> tuple[FloatArray | None, str]:
     """(highest set-point at which smooth running is lost, at each of the loads `HARDER`; "") or, where it is not known, (None, why)."""
-    if "top.reference" not in loop.numbers():
+    if "top.reference" not in loop.variable_numbers():
         return None, "the loop has no set-point `top.reference`"
     if loop.is_sampled:
         return None, "the law is sampled, and the border is that of a law in its continuous form"
@@ -378,7 +378,7 @@ def _border(loop: ClosedLoop) -> tuple[FloatArray | None, str]:
     for part in HARDER.tolist():
         try:
             weight = loop.number("bit.weight").value
-            found = hopf_points(loop.at("bit.weight", part * weight), "top.reference", (0.2, 40.0), values=25)
+            found = hopf_points(loop.at("bit.weight", part * weight), "top.reference", (0.2, 40.0), num_values=25)
         except SceneError as error:
             return None, str(error).rstrip(".")
         borders.append(max((point.value for point in found), default=0.0))

@@ -241,15 +241,15 @@ def schedule(
         )
     duration = number("duration", duration, "s", above=0)
     loops = [_designed(well, depth, controller) for depth in places]
-    counted = [len(numbers_of(loop.designed[0])) for loop in loops]
-    kinds = {type(loop.designed[0]).__name__ for loop in loops}
+    counted = [len(numbers_of(loop.designed_controllers[0])) for loop in loops]
+    kinds = {type(loop.designed_controllers[0]).__name__ for loop in loops}
     if len(set(counted)) > 1 or len(kinds) > 1:
         raise SceneError(
             f"Argument `controller` must have as many numbers at every depth to be interpolated, but it has {', '.join(map(str, counted))}: "
             "let `well` give plants of one size, or take a law whose design does not grow with the plant."
         )
-    every = np.array([numbers_of(loop.designed[0]) for loop in loops])
-    given, first = loops[0].controllers[0], loops[0].designed[0]
+    every = np.array([numbers_of(loop.designed_controllers[0]) for loop in loops])
+    given, first = loops[0].controllers[0], loops[0].designed_controllers[0]
     base = dataclasses.replace(given, law=first) if isinstance(given, Sampled) else first
     moves = np.flatnonzero(np.ptp(every, axis=0) > 0.0)
     named = _named(loops[0])
@@ -297,5 +297,5 @@ def _named(loop: ClosedLoop) -> list[tuple[str, str]]:
     """(name, unit) of every number of the designed law, in the order of `numbers_of`."""
     first = sum(len(numbers_of(part)) for part in loop.plant.parts)
     entries = sorted(loop.system.parameters.values(), key=lambda entry: entry.offset)
-    own = [entry for entry in entries if first <= entry.offset < first + len(numbers_of(loop.designed[0]))]
+    own = [entry for entry in entries if first <= entry.offset < first + len(numbers_of(loop.designed_controllers[0]))]
     return [(entry.name if entry.size is None else f"{entry.name}.{i}", entry.unit) for entry in own for i in range(count_of(entry.size))]

@@ -177,7 +177,7 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
     other_rocks     1 plants
     varying_weight  4 plants
     """
-    names = list((machine if isinstance(machine, ClosedLoop) else closed_loop(machine)).without_controllers.numbers())
+    names = list((machine if isinstance(machine, ClosedLoop) else closed_loop(machine)).without_controllers.variable_numbers())
 
     def entries(name: str) -> list[str]:
         return [each for each in names if each.rpartition(".")[0] == name]

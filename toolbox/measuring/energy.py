@@ -105,7 +105,7 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
         raise SceneError(
             "Argument `run` must be a trajectory with its plant, whose energies are integrated, but it was read from a file: simulate again."
         )
-    nodes = run.nodes
+    nodes = run.every_step
     system = nodes.program.system
     terms = [*system.losses.values(), *system.supplies.values()]
     power = output_function(nodes.program, ca.vertcat(*terms)) if terms else None
@@ -137,7 +137,7 @@ def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
     times = np.unique([event.time for event in run.events if event.element in contacts])
     if not times.size:
         return 0.0
-    nodes = run.nodes
+    nodes = run.every_step
     first, last = np.searchsorted(nodes.time, times, side="left"), np.searchsorted(nodes.time, times, side="right") - 1
     fall = _evaluated(energy, nodes_at(nodes, first)) - _evaluated(energy, nodes_at(nodes, last))
     return math.fsum(fall.ravel()) if np.isfinite(fall).all() else math.nan  # of a motion that overflows
@@ -145,13 +145,13 @@ def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
 
 def gauss(run: Recorded, begin: float, end: float) -> Iterator[tuple[np.ndarray, Any]]:
     """Yield (weights [s], signals) at the Gauss points of every step between `begin` and `end`, in portions."""
-    nodes = run.nodes.time
+    nodes = run.every_step.time
     borders = np.unique(np.concatenate([[begin], nodes[(nodes > begin) & (nodes < end)], [end]]))
     for first in range(0, borders.size - 1, CHUNK):
         piece = borders[first : first + CHUNK + 1]
         width = np.diff(piece)
         times = piece[:-1, None] + width[:, None] * POINTS
-        yield (width[:, None] * WEIGHTS).ravel(), run.nodes.at(times.ravel())
+        yield (width[:, None] * WEIGHTS).ravel(), run.every_step.at(times.ravel())
 
 
 def nodes_at(nodes: Trajectory, chosen: np.ndarray) -> Samples:

@@ -223,7 +223,7 @@ def extent(run: Recorded, signal: str, after: NumberOrText = 0.0, until: NumberO
     for values, times, sign in ((steps.lowest, steps.when_lowest, -1.0), (steps.highest, steps.when_highest, 1.0)):
         i = int(np.argmax(sign * values))
         value = scalar(
-            run.nodes.inside(steps.row[i : i + 1], times[i : i + 1]), signal
+            run.every_step.interpolated(steps.row[i : i + 1], times[i : i + 1]), signal
         )  # at the end of a step that on the near side of a jump
         found = (float(value[0]), float(times[i]))
         ends.append(max(found, (last, end), key=lambda pair: sign * pair[0]))
@@ -433,7 +433,7 @@ def settling(
     low, high = max(float(when) for when, beyond in extrema if beyond > width), float(steps.end[last])
     while high - low > 2e-16 * max(high, begin):
         grid = np.linspace(low, high, 34)[1:-1]
-        left = np.flatnonzero(np.abs(scalar(run.nodes.at(grid), signal) - target) > width)
+        left = np.flatnonzero(np.abs(scalar(run.every_step.at(grid), signal) - target) > width)
         at = int(left[-1]) if left.size else -1
         step = (float(grid[at]) if at >= 0 else low, float(grid[at + 1]) if at + 1 < grid.size else high)
         if step == (low, high):
@@ -610,7 +610,7 @@ def contact(run: Recorded, element: str, after: NumberOrText = 0.0, until: Numbe
     17
     """
     begin, end = window(run, after, until)
-    speeds = run.approach(element)
+    speeds = run.impact_speeds(element)
     times = np.array([e.time for e in run.events if e.element == element and e.before == "open"])
     speeds = speeds[(times >= begin) & (times <= end)] if times.size else speeds
     closed = run.time_in(element, "closed", begin, end)
@@ -625,10 +625,10 @@ def _steps(run: Recorded, signal: str, begin: float, end: float) -> Steps:
     """What a scalar signal does in every step; raises SceneError for an unknown name or a vector."""
     from toolbox.measuring.quintics import steps_of
 
-    scalar(run.nodes.at(np.array([begin])), signal)
-    return steps_of(run.nodes, signal, begin, end)
+    scalar(run.every_step.at(np.array([begin])), signal)
+    return steps_of(run.every_step, signal, begin, end)
 
 
 def _value(run: Recorded, signal: str, t: float) -> float:
     """Value of a scalar signal, on the far side of a jump."""
-    return float(scalar(run.nodes.at(np.array([t])), signal)[0])
+    return float(scalar(run.every_step.at(np.array([t])), signal)[0])

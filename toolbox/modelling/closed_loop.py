@@ -108,7 +108,7 @@ class ClosedLoop(Printed):
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = self.plant.with_parameters(own) if own else self.plant
         declared, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (self.plant, plant))
-        found = closed_system(declared, sharp, self.controllers, self.designed)
+        found = closed_system(declared, sharp, self.controllers, self.designed_controllers)
         system = found.system
         if len(own) < len(self.parameters):
             system = system.with_parameters({name: value for name, value in self.parameters.items() if name not in own})
@@ -116,7 +116,7 @@ class ClosedLoop(Printed):
         return found._replace(system=system.with_time_varying(changing) if changing else system, plant=plant)
 
     @cached_property
-    def designed(self) -> list[Any]:
+    def designed_controllers(self) -> list[Any]:
         """The laws as designed on the nominal plant, in order."""
         return designed_laws(self.plant, self.controllers)
 
@@ -129,8 +129,8 @@ class ClosedLoop(Printed):
             {field: new value}.
         """
         other = dataclasses.replace(self, **changes)
-        if "designed" in self.__dict__ and not {"plant", "controllers"} & changes.keys():
-            other.__dict__["designed"] = self.designed
+        if "designed_controllers" in self.__dict__ and not {"plant", "controllers"} & changes.keys():
+            other.__dict__["designed_controllers"] = self.designed_controllers
         return other
 
     @cached_property
@@ -157,7 +157,7 @@ class ClosedLoop(Printed):
     def system(self) -> HybridSystem:
         """The plant with its laws as parts, as they run: sampled ones with memory and held signals, and the smooth friction of a plant that is smooth."""
         system, plant = self.assembly.system, self.assembly.plant
-        return smoothed(system, plant.widths, matched=plant.matched) if isinstance(plant, SmoothSystem) else system
+        return smoothed(system, plant.widths, match_static_peak=plant.match_static_peak) if isinstance(plant, SmoothSystem) else system
 
     @cached_property
     def continuous_loop(self) -> ClosedLoop:
@@ -192,7 +192,7 @@ class ClosedLoop(Printed):
             The new controllers, in the order of the present ones.
         """
         other = dataclasses.replace(self, controllers=tuple(controllers))
-        other.__dict__["designed"] = self.designed
+        other.__dict__["designed_controllers"] = self.designed_controllers
         return other
 
     @property
@@ -244,7 +244,7 @@ class ClosedLoop(Printed):
         signal
             The signal, whose unit a set-point given as text must have.
         """
-        if isinstance(self.reference, str) and self.reference in self.numbers():
+        if isinstance(self.reference, str) and self.reference in self.variable_numbers():
             return self.number(self.reference).value
         return None if self.reference is None else number("reference", self.reference, self.system.signal_unit(signal))
 
@@ -260,7 +260,7 @@ class ClosedLoop(Printed):
         return self.label or ", ".join([*kinds, *(described(law).partition(",")[0] for law in self.controllers)])
 
     # -------------------------------------------------------------------------------------------------------------------------------------- numbers
-    def numbers(self) -> dict[str, Number]:
+    def variable_numbers(self) -> dict[str, Number]:
         """Return all numbers of the loop that can be varied, as {name: number}.
 
         A number has a unit, bounds and a value and, if an input overrides it, the name of this input.
@@ -294,7 +294,7 @@ class ClosedLoop(Printed):
             raise SceneError(f"Argument `parameter` must be the name of a number of the loop, but it is {name!r}.")
         if (now := former_name(self, name)) is not None:
             raise SceneError(f"The number `{name}` is named `{now}` now.")
-        known = self.numbers()
+        known = self.variable_numbers()
         ending = [each for each in known if each.endswith(f".{name}")]
         if len(ending) == 1:
             return known[ending[0]]
@@ -364,7 +364,7 @@ class ClosedLoop(Printed):
         Parameters
         ----------
         name
-            A name of `numbers()`.
+            A name of `variable_numbers()`.
         value
             Its value in SI, or text with a unit.
 
@@ -406,7 +406,7 @@ class ClosedLoop(Printed):
     @cached_property
     def _key(self) -> tuple[Any, ...]:
         plant = self.plant.sharp if isinstance(self.plant, SmoothSystem) else self.plant
-        smooth = (tuple(self.plant.widths.items()), self.plant.matched) if isinstance(self.plant, SmoothSystem) else None
+        smooth = (tuple(self.plant.widths.items()), self.plant.match_static_peak) if isinstance(self.plant, SmoothSystem) else None
         inputs = tuple(sorted((name, _plain(value)) for name, value in self.input_values.items()))
         numbers = tuple(tuple(sorted((name, _plain(value)) for name, value in given.items())) for given in (self.parameters, self.start))
         named = tuple(getattr(self, each.name) for each in dataclasses.fields(self)[5:])  # what a scene says

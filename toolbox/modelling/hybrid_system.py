@@ -63,7 +63,7 @@ class SampledUpdate(NamedTuple):
         {state of the memory: (first row, size or None)}.
     first_held
         Row of the vector `held` at which its outputs begin.
-    external
+    from_callable
         Whether a Python callable computes the outputs.
     noise, channels
         Symbols of the noise of a sample, and the measured signals that they belong to.

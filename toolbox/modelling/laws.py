@@ -5,7 +5,7 @@ held from t_k + delay on; delays may exceed the period, then several outputs are
 law saw it when it computed the outputs that are held.
 
 Why noise is a function and not a generator: the noise of a sample depends on (seed, name of the signal, number of the sample) and on nothing
-else, so that the second run of `run.error`, a run interrupted and continued, and a run among thousands see the same measurements.
+else, so that the second run of `run.error_estimate`, a run interrupted and continued, and a run among thousands see the same measurements.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Observers, and laws that act on their estimates instead of on measurements.
 
 An observer is written like a law: it reads what is measured and what is commanded, has states, and gives its estimates under the names of the
-signals they stand for. `Observed(law, observer)` closes the loop: wherever the law asks for a signal that the observer estimates, it gets the
+signals they stand for. `ObserverBasedController(law, observer)` closes the loop: wherever the law asks for a signal that the observer estimates, it gets the
 estimate of the same sample, and wherever the observer asks for a signal that the law drives, it gets the command.
 """
 
@@ -45,7 +45,7 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True)
 class Observer(Controller):
-    """Observer, for use inside `Observed`. Write `sampled` and `continuous` as for a controller.
+    """Observer, for use inside `ObserverBasedController`. Write `sampled` and `continuous` as for a controller.
 
     The outputs of these methods are estimates, under the names of the signals that they estimate. `measured_signals`
     names the signals that the observer reads, and `estimates` the signals that it estimates. Estimates must depend only
@@ -68,7 +68,7 @@ MOST_LATE = 1000
 
 
 @dataclass(frozen=True)
-class Observed(Controller):
+class ObserverBasedController(Controller):
     """Controller that acts on the estimates of an observer. The estimates are recorded as `estimate.<signal>`.
 
     `design` designs both the controller and the observer.

@@ -193,7 +193,9 @@ def _solved(branch: Branch, near: float) -> float:
     away = 2.0 * abs(near - branch.values[-1]) + 1e-6 * abs(near)
     middle = {name: np.mean(cycle.run[name], axis=0) for name in run.system.states}
     try:
-        found = hopf_points(ClosedLoop(run.system, inputs=run.inputs), branch.parameter, (near - away, near + away), guess=middle, values=5)
+        found = hopf_points(
+            ClosedLoop(run.system, inputs=run.inputs), branch.parameter, (near - away, near + away), guess=middle, num_values=5
+        )
     except (SceneError, SimulationError):
         return near
     return min((point.value for point in found), key=lambda value: abs(value - near), default=near)

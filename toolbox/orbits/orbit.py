@@ -289,7 +289,7 @@ class Orbit:
 
     def begins(self, run: Trajectory) -> np.ndarray:
         """The point at the start of a shot."""
-        return np.concatenate([run.nodes.states[0], run.run.start.memory, run.run.start.held[self.read]])
+        return np.concatenate([run.every_step.states[0], run.run.start.memory, run.run.start.held[self.read]])
 
     def ends(self, run: Trajectory) -> np.ndarray:
         """The point at the end of a shot."""

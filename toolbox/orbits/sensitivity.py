@@ -60,7 +60,7 @@ class Sensitivity:
         return self._at_times()[:, : self.run.program.system.x.numel(), self._order]
 
     def _at_times(self) -> np.ndarray:
-        return self._tangent.nodes if self.run.nodes is self.run else self._between(self.run.time)
+        return self._tangent.nodes if self.run.every_step is self.run else self._between(self.run.time)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Derivatives of a signal, shape (nt, k), or (nt, size, k) of a vector signal; raises SceneError for an unknown name."""
@@ -97,13 +97,13 @@ class Sensitivity:
         return slope.reshape(slope.shape[0], samples.time.size, -1).transpose(1, 0, 2)
 
     def _between(self, times: np.ndarray) -> np.ndarray:
-        return self._variational.between(self.run.nodes, self._tangent.nodes, self._own, times)
+        return self._variational.between(self.run.every_step, self._tangent.nodes, self._own, times)
 
     @property
     def _variational(self) -> Any:
         from toolbox.orbits.variational import variational_equations
 
-        return variational_equations(self.run.nodes.program, self._columns)
+        return variational_equations(self.run.every_step.program, self._columns)
 
     def time_in(self, element: str, mode: str, after: float = 0.0) -> np.ndarray:
         """Return the derivatives of `run.time_in(element, mode, after)`, shape (k,)."""
@@ -122,7 +122,7 @@ class Sensitivity:
         """
         from toolbox.measuring.measure import extent
 
-        nodes = self.run.nodes
+        nodes = self.run.every_step
         t = extent(nodes, name, after).time_of_maximum  # the largest node may belong to another peak
         place = int(np.searchsorted(nodes.time, t, side="right"))
         low, high = max(nodes.time[max(place - 2, 0)], after), nodes.time[min(place + 1, nodes.time.size - 1)]
@@ -143,7 +143,7 @@ class Sensitivity:
         from toolbox.measuring.energy import gauss
         from toolbox.simulation.samples import window
 
-        nodes = self.run.nodes
+        nodes = self.run.every_step
         begin, end = window(self.run, after, None)
         total = np.zeros(len(self.to))
         for weights, samples in gauss(self.run, begin, end):
@@ -174,13 +174,13 @@ class Sensitivity:
         passed = settling(self.run, name, target, band, after=after, size=size)
         if not 0.0 < passed < np.inf:
             raise SceneError(f"Argument `name` must be a signal that settles during the run, but `{name}` settles after {passed:g} s.")
-        nodes, t = self.run.nodes, after + passed
+        nodes, t = self.run.every_step, after + passed
         return -self._of(name, self._between(np.array([t])), nodes.at([t]))[0, 0] / self._rate(name, t)
 
     def _rate(self, name: str, t: float) -> float:
         """Time derivative of a scalar signal at an instant between switches."""
-        at = self.run.nodes.at([t])
-        slope, flow = self._slopes(name, at)[0, 0], self._variational.rate(at, 0, self.run.nodes.parameters)
+        at = self.run.every_step.at([t])
+        slope, flow = self._slopes(name, at)[0, 0], self._variational.rate(at, 0, self.run.every_step.parameters)
         return float(slope[0] + slope[1 : 1 + flow.size] @ flow)
 
     def __str__(self) -> str:

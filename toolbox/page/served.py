@@ -21,7 +21,7 @@ from typing import Any
 
 from toolbox.arguments import number
 from toolbox.errors import BudgetError, SceneError, SimulationError
-from toolbox.files.unit_systems import units
+from toolbox.files.unit_systems import use_units
 from toolbox.files.units import NumberOrText
 from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
@@ -141,7 +141,7 @@ class Page:
         asking = self._questions[question]
         if not isinstance(told, dict):
             raise SceneError("A question must be an object, but it is none.")
-        with contextlib.nullcontext() if self.system is None else units(self.system):
+        with contextlib.nullcontext() if self.system is None else use_units(self.system):
             return asking(told)
 
     def _look(self, label: str) -> dict[str, Any]:
@@ -154,7 +154,7 @@ class Page:
                 controls = {control.number.name: control for control in controls_of(loop, asked)}
                 axes = [] if loop.standstill_speed is not None else maps.axes_of([*controls.values()])
                 self._looks[label] = {"asked": asked, "controls": controls, "axes": axes,
-                                      "redone": {name: each.kind.redesigns for name, each in loop.numbers().items()}}  # fmt: skip
+                                      "redone": {name: each.kind.redesigns for name, each in loop.variable_numbers().items()}}  # fmt: skip
         return self._looks[label]
 
     def _scene(self, told: dict[str, Any]) -> dict[str, Any]:

@@ -192,7 +192,7 @@ def uncertain_onset(
     uncertainty: Mapping[str, Any] | Draws,
     *,
     draws: int = 200,
-    values: int = 13,
+    num_values: int = 13,
     tolerance: NumberOrText | None = None,
     accuracy: float = 1e-4,
     confidence: float = 0.95,
@@ -217,7 +217,7 @@ def uncertain_onset(
     draws
         Number of machines, the same for all controllers. 72 draws are the least with which 95 % can be shown by
         two-sided bounds of 95 %.
-    values
+    num_values
         Number of values of the range that are examined before borders are halved, >= 3.
     tolerance
         Width to which borders are halved. By default 1/50 of the range.
@@ -245,7 +245,7 @@ def uncertain_onset(
     >>> from toolbox import closed_loop, compose
     >>> from toolbox.probability import uncertain_onset
     >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque())
-    >>> found = uncertain_onset(loop, "top.reference", ("40 rpm", "140 rpm"), {"bit.weight": "60 kN +- 5 kN"}, draws=80, values=5)
+    >>> found = uncertain_onset(loop, "top.reference", ("40 rpm", "140 rpm"), {"bit.weight": "60 kN +- 5 kN"}, draws=80, num_values=5)
     >>> print({label: round(value, 1) for label, value in found.lowest(0.95).items()})
     {'as it is': 5.2}
     """
@@ -254,13 +254,13 @@ def uncertain_onset(
     varied = first.number(parameter)
     low, high = varied.span(bounds)
     whole("draws", draws, 1)
-    whole("values", values, 3)
+    whole("num_values", num_values, 3)
     width = BEGINS * (high - low) if tolerance is None else number("tolerance", tolerance, varied.unit, above=0)
     accuracy, confidence = number("accuracy", accuracy, above=0), number("confidence", confidence, above=0, below=1)
     known = drawn(first, uncertainty, draws, seed)
     if varied.name in known.names:
         raise SceneError(f"Argument `uncertainty` must not name what is varied, but it has {short(varied.name)}.")
-    looked = np.linspace(high, low, values)
+    looked = np.linspace(high, low, num_values)
     borders, smooth, unknown = {}, {}, {}
     searches = {
         label: Search(each, grid({varied.name: looked[::-1].tolist()}), known, None, None, accuracy) for label, each in loops.items()
@@ -314,7 +314,7 @@ def _smooth(loop: ClosedLoop, name: str, between: tuple[float, float], names: tu
         bar.update(1)
         each = put_all(loop, dict(zip(names, row.tolist(), strict=True)))
         try:
-            at = [point.value for point in hopf_points(each, name, between, values=9)]
+            at = [point.value for point in hopf_points(each, name, between, num_values=9)]
         except (SceneError, SimulationError):
             continue
         found[k] = max(at, default=math.nan)

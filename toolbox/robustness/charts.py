@@ -135,7 +135,7 @@ def stability_chart(
     for i, across in enumerate(rows[0]):
         for j, up in enumerate(rows[1]):
             with contextlib.suppress(NoSteadyState, SimulationError):
-                found = margins(loop.at(known[0].name, float(across)).at(known[1].name, float(up)), measured=False)
+                found = margins(loop.at(known[0].name, float(across)).at(known[1].name, float(up)), by_simulation=False)
                 if found.linear_loop is None:
                     reason = found.reason
                     continue

@@ -150,9 +150,9 @@ def margins(
     loop: ClosedLoop,
     *,
     guess: Mapping[str, Any] | None = None,
-    measured: bool | None = None,
-    inertia: str | None = None,
-    duration: NumberOrText = 60.0,
+    by_simulation: bool | None = None,
+    inertia_parameter: str | None = None,
+    simulation_duration: NumberOrText = 60.0,
 ) -> Margins:
     """Compute disk margin, peak sensitivity, gain margin, phase margin and delay margin of a closed loop at smooth running.
 
@@ -168,13 +168,13 @@ def margins(
     guess
         {state: value} near smooth running. Needed for controllers that give no other information about the steady
         state.
-    measured
+    by_simulation
         Whether the gain, delay and inertia at which the machine fails are also found by simulation (a few seconds). By
         default only if there is no linear loop: for relays, ideal sliding modes, an active limit, and controllers in
         Python.
-    inertia
+    inertia_parameter
         Name of the inertia that is varied in these simulations, such as "chain.inertia.0".
-    duration
+    simulation_duration
         Length of each of these runs [s].
 
     Returns
@@ -199,7 +199,7 @@ def margins(
       command     disk margin  at [rad/s]   M_s      gain     phase   delay
       top.torque        0.377         0.9  2.66  0 .. 207  21.6 deg  412 ms
     """
-    duration = number("duration", duration, "s", above=0)
+    simulation_duration = number("simulation_duration", simulation_duration, "s", above=0)
     plant, system, title = loop.plant, loop.system, all_described(loop.controllers)
     reason, found = "", None
     try:
@@ -220,12 +220,12 @@ def margins(
         set_points = _set_points(loop)
         units = {name: system.signal_unit(name) for name in (*set_points, *linear.actuated_signals)}
         result = Margins(title, linear.stable, rows, joint, {**set_points, **found.signals}, units, "", None, linear, loop.display_units)
-    if measured is None:
-        measured = found is None
-    if not measured:
+    if by_simulation is None:
+        by_simulation = found is None
+    if not by_simulation:
         return result
     begin = dict(found.start) if found is not None else mapping("guess", guess) or smooth_start(loop)
-    bears = measured_margins(loop.replace(start=begin), duration=float(duration), inertia=inertia)
+    bears = measured_margins(loop.replace(start=begin), duration=float(simulation_duration), inertia=inertia_parameter)
     return Margins(**{**result.__dict__, "simulated_margins": bears})
 
 

@@ -120,7 +120,7 @@ def work_precision(
     widths: Iterable[float] = WIDTHS,
     signals: Sequence[str] = (),
     repeats: int = 5,
-    **former: Any,
+    **former_names: Any,
 ) -> WorkPrecision:
     """Measure error against computing time for all methods and settings.
 
@@ -165,9 +165,9 @@ def work_precision(
     >>> print(len(found.points), "settings")
     2 settings
     """
-    refuse_former("work_precision", loop, list(former))
-    if former:
-        raise TypeError(f"work_precision() got an unexpected keyword argument {next(iter(former))!r}")
+    refuse_former("work_precision", loop, list(former_names))
+    if former_names:
+        raise TypeError(f"work_precision() got an unexpected keyword argument {next(iter(former_names))!r}")
     loops = {label: as_loop(each) for label, each in (loop if isinstance(loop, Mapping) else {"": loop}).items()}
     if not loops:
         raise SceneError("Argument `loop` must hold at least one level of detail, but it is empty.")

@@ -105,7 +105,7 @@ def hopf_points(
     *,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
-    values: int = 33,
+    num_values: int = 33,
 ) -> list[HopfPoint]:
     """Find every Hopf point of smooth running in a range of one parameter or input.
 
@@ -135,7 +135,7 @@ def hopf_points(
     guess
         {state: value} of one steady state in the range. Needed if no steady state is found without it, for example
         under a drive with limits.
-    values
+    num_values
         Number of values of the parameter that are examined. Two crossings between neighbouring values are missed.
 
     Returns
@@ -162,10 +162,12 @@ def hopf_points(
     free = loop.differentiable_number(parameter, "hopf_points", lambda number: number.kind.poles)
     if loop.is_sampled:
         refuse_modes(mode, "hopf_points")
-        found = sampled_hopf_points(SampledBranch(loop, free, guess), free.span(bounds), whole("values", values, 2))
+        found = sampled_hopf_points(SampledBranch(loop, free, guess), free.span(bounds), whole("num_values", num_values, 2))
     else:
         inputs = loop.constant_inputs("steady running")
-        found = hopf_points_of(loop.continuous_loop.system, free, free.span(bounds), inputs, mode, guess, whole("values", values, 2))
+        found = hopf_points_of(
+            loop.continuous_loop.system, free, free.span(bounds), inputs, mode, guess, whole("num_values", num_values, 2)
+        )
     asked = {free.unit: asked_in(free.in_si("bounds", bounds), free.unit)}
     return [replace(point, display_units=asked) for point in found]
 

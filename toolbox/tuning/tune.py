@@ -218,7 +218,7 @@ def _free(loop: ClosedLoop, bounds: Any) -> tuple[Free, ...]:
         raise SceneError(f"Argument `ranges` must map numbers of the law to (low, high), but it is {bounds!r}.")
     if not loop.controllers:
         raise SceneError("Argument `controller` must name a case with a law, but it has none.")
-    first, law = sum(len(numbers_of(part)) for part in loop.plant.parts), loop.designed[0]
+    first, law = sum(len(numbers_of(part)) for part in loop.plant.parts), loop.designed_controllers[0]
     own = range(first, first + (len(numbers_of(law)) if isinstance(law, Controller) else 0))
     free = []
     for name, pair in bounds.items():

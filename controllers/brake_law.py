@@ -30,15 +30,23 @@ UNBOUNDED = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class BrakeLaw(Controller):
-    """A sampled law that commands the force of the pads so that the disc follows w_p' = -deceleration to standstill.
+    """Base class of sampled brake controllers, which command the force of the pads so that the disc follows w_p' = -deceleration to standstill.
 
-        I w' = -T,   T = 2 mu r N,   so that  N_p = I deceleration / (2 r friction)  is the force of the plan
+        I w' = -T,   T = 2 mu r N,   N_p = I deceleration / (2 r friction)  is the force of the plan
 
-    The plan begins at the speed of the first sample and ends at 0. Commands stay between `lowest_force`, which holds the wheel once it stands, and
-    `highest_force`, change by at most `force_rate` times the period (None is no limit), and are held once the wheel has stopped. With a `margin`
-    they also stay below the margin times the force above which the pad loses its damping (`groan_border`): the brake is eased towards standstill, as a
-    chauffeur does, and the stop gets longer. That border is either `border` N_0 exp(`border_growth` q w), or `border_forces`, of which each holds from
-    its speed in `border_speeds` up to the next speed. `inertia` I, `radius` r and the border are read from the plant unless given.
+    The plan begins at the speed of the first sample and ends at 0.
+
+    Limits of the command:
+
+    - It stays between `lowest_force`, which holds the wheel at standstill, and `highest_force`.
+    - It changes by at most `force_rate` times the period (None: no limit).
+    - It is held after the wheel has stopped.
+    - With a `margin` it stays below `margin` times the border of groan, the force above which the pad loses its damping
+      (`groan_border`). The brake is then released before standstill, as a chauffeur does, and the stop becomes longer.
+
+    The border of groan is either `border` with an exponential growth, or `border_forces`, each of which holds from its
+    speed in `border_speeds` up to the next speed. The inertia I, the radius r and the border are read from the plant if
+    they are not given.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed",)
@@ -74,7 +82,7 @@ class BrakeLaw(Controller):
                 raise SceneError(f"Argument `border_speeds` must begin at 0 and increase, but it is {speeds!r}.")
 
     def design(self, plant: HybridSystem) -> Any:
-        """The law with the numbers read from the plant that are not given; border and growth only where a `margin` asks for them."""
+        """Return the controller with missing numbers read from the plant. The border of groan is read only if there is a `margin`."""
         found: dict[str, Any] = {}
         try:
             found = {name: plant.parameter(f"disc.{name}") for name in ("inertia", "radius") if getattr(self, name) is None}

@@ -37,6 +37,8 @@ class BrakeMPC(BrakeLaw):
 
     The controller predicts the border, so it brakes harder before it must reduce the force.
 
+    The plan of the stop and the limits of the command are described in the base class `controllers.brake_law.BrakeLaw`.
+
     A solution that does not satisfy its KKT conditions is rejected, and the controller continues with its last plan.
     `run.controllers[0].record` holds computing times and fallbacks. The controller is sampled only, with the sample
     time `period`.

@@ -27,6 +27,8 @@ class BrakeSlidingMode(BrakeLaw):
 
         s = e + lam int e dt,  e = w - w_p;    N = I [deceleration + lam e + eta sat(s / width)] / (2 r mu),    mu = T / (2 r N)
 
+    The plan of the stop and the limits of the command are described in the base class `controllers.brake_law.BrakeLaw`.
+
     w is the disc speed, w_p the planned speed, T the measured brake torque and N the force of one pad. lam is the
     weight of the integral, eta the reaching rate and width the half-width of the boundary layer. The coefficient of
     friction mu is measured: it is limited to 0.5 to 2 times the expected `friction` and averaged over `filter_time`.

@@ -38,10 +38,10 @@ def declared_load(plant: HybridSystem, load: str) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class LoadDither(Controller):
-    """What the dithers of a normal load share: they drive `load` with mean (1 + depth wave), |wave| <= 1.
+    """Base class of the dithers of a normal load: they give `load` the value mean (1 + depth wave), with |wave| <= 1.
 
-    With `over` they drive `load`, such as `brake.disturbance`, with depth wave times the signal `over`, the force that another law commands. `mean` is
-    the default of the input `load` unless given.
+    With `over` they give `load`, such as `brake.disturbance`, the value depth wave times the signal `over`, the force
+    that another controller commands. `mean` is by default the default of the input `load`.
     """
 
     load: str = "bit.weight"
@@ -262,7 +262,7 @@ class DitherMap:
         if not found:
             standing = f" The contact stands at {int(self.stands.sum())} of {self.swing.size} points: hold its speed, as `HeldSpeed` does on a brake."
             raise SceneError(
-                f"No dither on the map brings the swing below {below:g} of what it was while the contact slips."
+                f"No dither on the map brings the swing below {below:g} of the swing without dither while the contact slips."
                 + standing * bool(self.stands.any())
             )
         wide = [entry for entry in found if entry[2] >= 2.0 * entry[1]]
@@ -270,7 +270,7 @@ class DitherMap:
         return float(np.sqrt(low * high)), float(depth)
 
     def __str__(self) -> str:
-        head = f"Swing under dither, as a fraction of that without; natural frequency {self.natural:.4g} Hz; * stands"
+        head = f"Swing under dither as a fraction of the swing without dither; natural frequency {self.natural:.4g} Hz; * stands"
         names = f"{'frequency [Hz]':<16}" + "".join(f"{f'depth {depth:.2g}':>12}" for depth in self.depth)
         lines = [head, names, "-" * len(names)]
         for j, frequency in enumerate(self.frequency):
@@ -349,7 +349,7 @@ def dither_map(
     >>> from toolbox import compose
     >>> block = compose(oscillators.LEINE)
     >>> print(dither_map(block, "block.load", 1.0, 0.159, contact="belt", signal="block.position", ratios=(0.5, 3.5), depths=(0.8,)))
-    Swing under dither, as a fraction of that without; natural frequency 0.159 Hz; * stands
+    Swing under dither as a fraction of the swing without dither; natural frequency 0.159 Hz; * stands
     frequency [Hz]     depth 0.8
     ----------------------------
     0.0795                 1.88

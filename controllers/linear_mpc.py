@@ -40,6 +40,9 @@ class LinearMPC(Predictive):
     A. A larger value makes the filter faster and passes noise to the bit, which destabilises it at low speed. A smaller
     value makes the filter late at the release of a stuck bit.
 
+    Limits, sensors, delay and the fallback to a soft drive are described in the base class
+    `controllers.predictive.Predictive`. Sampled only, with the sample time `period`.
+
     A stuck bit cannot trap the controller: the estimate of T follows the torque of the string, and the plan winds the
     string up further.
 

@@ -59,6 +59,9 @@ class NonlinearMPC(Predictive):
     - At rest it follows from the largest torque that the rock has held, increased by the fraction
       `holding_torque_margin`.
 
+    Limits, sensors, delay and the fallback to a soft drive are described in the base class
+    `controllers.predictive.Predictive`. Sampled only, with the sample time `period`.
+
     Range of validity: horizons of a few seconds. Much longer plans have local minima in which the bit sticks.
 
     Source: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736 (the iteration).

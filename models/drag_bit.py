@@ -84,8 +84,8 @@ class DragBit(Component):
     acts like a spring and throws the bit up again, and higher. Treat a run with negative `bit.cut_depth` as a warning,
     not as a prediction.
 
-    At rest the string needs some torque. If it has none while the wear flats carry nothing, the friction bound of the
-    bit is zero.
+    A bit at rest needs some torque in the string. With zero torque, while the wear flats carry nothing, the bit is
+    exactly at the limit of the torque that it can hold.
 
     Examples
     --------

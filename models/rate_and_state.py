@@ -26,9 +26,10 @@ class RateAndState(FrictionLaw):
     of forward and backward jumps over a barrier. Both are equal to round-off for v above v_0 exp(-mu_0 / a).
     Consequences:
 
-    - Nothing sticks exactly: a contact at rest creeps. On rock the creep speed is below 1e-30 m/s.
-    - No computation can pass such a speed from rest. Below the speed `regularisation_speed`, which is chosen, friction is therefore
-      viscous: the friction at the speed sqrt(v^2 + floor^2), multiplied by v / sqrt(v^2 + floor^2).
+    - Nothing sticks exactly: a contact at rest creeps.
+    - On rock the speed v_0 exp(-mu_0 / a) is below 1e-30 m/s, and no computation can pass it from rest. Below the speed
+      `regularisation_speed` v_r, which is chosen, friction is therefore viscous: the friction at the speed
+      sqrt(v^2 + v_r^2), multiplied by v / sqrt(v^2 + v_r^2).
 
     The state of a contact `pad` is `pad.age` psi. It begins at 0, which is steady sliding at v_0.
 

@@ -26,12 +26,23 @@ GROWN = 1e-6
 
 @dataclass(frozen=True)
 class StringObserver(Observer):
-    """What the observers of a string share: the model with its disturbance, the estimates, and how a sample is integrated.
+    """Base class of the observers of a string: the model with its disturbance, the estimates, and the integration of a sample.
 
-    estimates: all states of the string by name, `top.speed`, `bit.speed` [rad/s], `top.load`, `bit.torque` [N m] and, where the plant has a
-    rock `BitRock` with exponential friction, `bit.friction_scale` [1]: the torque over that of the declared rock at the estimated speed, 0 where that is none,
-    and meaningful while the bit turns. A sample is one Runge-Kutta step of order four with measurement and command held; samples too far apart for that are
-    refused, which a Kalman filter bounds by about 2.8 J speed_noise sqrt(period) / drive_process_noise, J the inertia of the drive.
+        x_hat' = A x_hat + B u - E T_hat + L_x (w_top - w_top_hat),   T_hat' = L_T (w_top - w_top_hat)
+
+    x are twists and speeds of the string without its rock. T is the torque of the rock, an unknown disturbance modelled
+    as a random walk. Only the top speed and the torque command are measured.
+
+    Estimates:
+
+    - all states of the string by name, `top.speed` and `bit.speed` [rad/s], `top.load` and `bit.torque` [N m];
+    - for a `BitRock` with exponential friction also `bit.friction_scale` [1]: the estimated rock torque as a multiple
+      of the declared rock torque at the estimated speed. It is meaningful while the bit turns, and 0 if the declared
+      torque is 0.
+
+    A sample is one Runge-Kutta step of order four with constant measurement and command. Sample times that are too long
+    for this step raise an error. For a Kalman filter the longest is about 2.8 J speed_noise sqrt(period) /
+    drive_process_noise, with the inertia J of the drive.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)
@@ -207,6 +218,10 @@ class Kalman(StringObserver):
     - `drive_process_noise`: intensity of the white noise of the drive torque.
 
     `design` solves the Riccati equation (scipy).
+
+    Estimates: all states of the string by name, `top.speed` and `bit.speed` [rad/s], `top.load` and `bit.torque` [N m].
+    For a `BitRock` with exponential friction also `bit.friction_scale` [1]: the estimated rock torque as a multiple of
+    the declared rock torque at the estimated speed.
 
     Source: R. E. Kalman, R. S. Bucy, J. Basic Eng. 83 (1961) 95-108.
     """

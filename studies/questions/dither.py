@@ -271,7 +271,7 @@ def picture(path: Path) -> None:
             panel.set_title(rig.label, loc="left", fontsize=9.5)
         panels[0].set_ylabel("depth of the dither")
         bar = figure.colorbar(shades, ax=panels, ticks=levels)
-        bar.set_label("swing, in parts of that without dither\n(line: one half)")
+        bar.set_label("swing as a fraction of the swing without dither\n(line: one half)")
         figure.savefig(path, dpi=110)
         pyplot.close(figure)
 

@@ -99,6 +99,23 @@ def test_the_disc_takes_the_heat_of_the_friction_and_friction_fades_with_it():
     assert energy_audit(run).relative < 1e-8
 
 
+def test_a_stop_turns_the_energy_of_the_car_into_the_heat_of_the_disc_and_a_hot_disc_needs_more_distance():
+    stops = {}
+    for fade in (0.0, 1e-3):
+        brake = DiscBrake(force=3000.0, friction=FLAT, wheel_radius=0.3, heat_capacity=4000.0, cooling=0.0, fade=fade)
+        for warm in (0.0, 300.0):
+            run = simulate(compose(brake), 12.0, start={"disc.car_speed": 30.0 / 3.6, "disc.warming": warm}, accuracy=1e-9)
+            stops[fade, warm] = next(begin for begin, _, mode in run.intervals("pad") if mode == "stick")
+            audit = energy_audit(run)
+            assert audit.relative < 1e-8
+            gained = 4000.0 * (run.at(12.0)["disc.warming"] - warm)
+            assert gained == pytest.approx(audit.losses["disc.friction"], rel=1e-7)
+            assert gained == pytest.approx(400.0 * (30.0 / 3.6) ** 2 / 2.0, rel=1e-3)  # a little swings on in the caliper
+    assert stops[0.0, 300.0] == pytest.approx(stops[0.0, 0.0], rel=1e-6)
+    # constant torque if fade were constant: 3.5 K of warming in the stop change it by at most 0.35 %
+    assert stops[1e-3, 300.0] == pytest.approx(stops[0.0, 0.0] / 0.7, rel=4e-3)
+
+
 # --- a band
 
 

@@ -24,30 +24,32 @@ from toolbox.modelling.laws import names as names_of
 
 @dataclass(frozen=True)
 class Recording(Result):
-    """Signals of a machine at measured times: `print(recording)` lists flaws, `recording.plot()` draws the signals, `recording.save("log.npz")`
-    saves them.
+    """Signals of a machine at measured times.
+
+    `print(recording)` lists flaws, `recording.plot()` draws the signals, and `recording.save("log.npz")` writes them.
 
     Attributes
     ----------
     time
         Increasing times [s] from 0, shape (nt,).
     signals
-        {name in the plant: values in its SI unit, shape (nt,)}; nan where a sample is no data.
+        {name in the plant: values in its SI unit, shape (nt,)}. nan if a sample is no data.
     source
-        Where they come from.
+        Origin of the signals.
     units
         {name: unit}.
     flaws
-        What was found to be wrong, and left out.
+        Flaws that were found and left out.
     notes
-        How the log was read, in words.
+        Description of how the log was read.
     begin
         Time [s] in the whole recording at which this part of it begins.
     held
-        Inputs that keep the value of a sample until the next one (zero-order hold), as the commands of a digital drive do; all others are straight lines
-        between samples. None: not declared, so that `fit` finds out.
+        Inputs that keep the value of a sample until the next one (zero-order hold), such as the commands of a digital
+        drive. All other signals are interpolated linearly. None: not declared, so that `fit` estimates which inputs are
+        held.
     display_units
-        {SI unit: unit of the log}, for those who want to answer in the units of the log.
+        {SI unit: unit of the log}, for results in the units of the log.
 
     Examples
     --------
@@ -94,36 +96,51 @@ class Recording(Result):
     ) -> Recording:
         """Read a recording from a file, a table of pandas, a mapping {name: values} or a run.
 
-        Text (parted by commas, semicolons, tabulators or spaces) is read as it comes: decimal commas, thousands, lines above the headings, units in brackets
-        or in a line of their own, dates and epochs. WITSML logs, TOML tables and MAT files are read, too, and with the extra `data` sheets (xlsx), parquet, LAS
-        and MAT 7.3. Times are shifted to begin at 0. Samples that are no data are marked, told, and never bridged.
+        Formats:
+
+        - Text, separated by commas, semicolons, tabulators or spaces, is read in any form: decimal commas, thousands
+          separators, lines above the headings, units in brackets or in their own line, dates and epochs.
+        - WITSML logs, TOML tables and MAT files.
+        - With the extra `data` also spreadsheets (xlsx), parquet, LAS and MAT 7.3.
+
+        Times are shifted to begin at 0. Samples that are no data are marked and reported, and never interpolated.
 
         Parameters
         ----------
         data
             Path of the file, the table, the mapping, or the run.
         plant
-            The plant whose signals are meant.
+            The plant to which the signals belong.
         columns
-            {signal of the plant, or "time": what it is called in the data}; without it the data use the names of the plant. A unit that the data do not name
-            is given there: {"bit.speed": "rpm_bit [rpm]"}, and so is a format of dates: {"time": "Time [DD/MM/YYYY]"}, {"time": "Time [HHMMSS]"}. In a MAT
-            file, a mapping, a table of pandas or a run numbers without a unit are SI. Columns that it does not name are not read.
+            {signal of the plant, or "time": name in the data}. By default the data use the names of the plant. Columns
+            that the mapping does not name are not read.
+
+            If the data give no unit, add it: {"bit.speed": "rpm_bit [rpm]"}. Add a format of dates in the same way:
+            {"time": "Time [DD/MM/YYYY]"}, {"time": "Time [HHMMSS]"}. In a MAT file, a mapping, a table of pandas or a
+            run, numbers without a unit are SI.
         nulls
-            Further numbers that mean that there is no value, in the unit of the log.
+            Further numbers that mean "no value", in the unit of the log.
         accepted_flaws
-            Kinds of flaws that are data here, such as "clipped" for a drive at its limit: null, clipped, drop-out, reversed, outlier.
+            Kinds of flaws that are valid data here, such as "clipped" for a drive at its limit: null, clipped,
+            drop-out, reversed, outlier.
         decimal
-            "," or ".", where the log does not say it.
+            Decimal separator "," or ".", if the log is ambiguous.
         zero_order_hold
-            Inputs that keep the value of a sample until the next one, such as the commands of a digital drive; () for none. If it is left out, `fit` finds
-            out which are.
+            Inputs that keep the value of a sample until the next one, such as the commands of a digital drive; () for
+            none. By default `fit` estimates which inputs are held.
+
+        Returns
+        -------
+        Recording
+            The recording.
 
         Raises
         ------
         SceneError
-            If the file cannot be read, a column is unknown or missing, a unit is missing or does not fit, or there are fewer than three samples.
+            If the file cannot be read, a column is unknown or missing, a unit is missing or does not fit, or there are
+            fewer than three samples.
         ImportError
-            If the library of a format is not there; the message names the extra.
+            If the library of a format is missing; the message names the extra.
         """
         if isinstance(data, Recording):
             return data
@@ -208,10 +225,7 @@ class Recording(Result):
         }
 
     def unbroken(self, names: Sequence[str], what: str, max_gap: int = 2, remedy: str = "") -> None:
-        """Raise SceneError if the named signals have a gap. The message names the windows without a gap, in times of the whole recording.
-
-        what: the signals are, in words;  remedy: beside a choice among these windows.
-        """
+        """Raise SceneError if the named signals have a gap. The message names the windows without a gap, in times of the whole recording."""
         stretches = self.windows(names, max_gap)
         if len(stretches) != 1:
             found = ", ".join(f"{self.begin + begin:.6g} .. {self.begin + end:.6g} s" for begin, end in stretches[:8])

@@ -62,35 +62,38 @@ def _law_named(name: str) -> type[FrictionLaw]:
 
 @dataclass
 class ContactRun(Renamed):
-    """Result of `step_contacts` at t instants. `run["back"]` is the displacement (t,) of an output of the problem [m], `run["back.speed"]` its
-    speed [m/s].
+    """Result of `step_contacts` at t instants.
+
+    `run["back"]` is the displacement of an output of the problem [m], shape (t,). `run["back.speed"]` is its speed
+    [m/s].
 
     Attributes
     ----------
     time
-        (t,): instants [s].
+        Instants [s], shape (t,).
     coordinates, rates
-        (t, n): q and its rate.
+        Coordinates q and their rates, shape (t, n).
     contact_modes
-        (t, c): 0 stick, 1 slip, 2 open, as in `toolbox.contacts.problem.LEGEND`.
+        Modes, shape (t, c): 0 stick, 1 slip, 2 open, as in `toolbox.contacts.problem.LEGEND`.
     normal
-        (t, c): Normal forces [N], >= 0.
+        Normal forces [N], >= 0, shape (t, c).
     tangential
-        (t, c, k): tangential forces on the body [N].
+        Tangential forces on the body [N], shape (t, c, k).
     slip
-        (t, c, k): distances slipped since the begin, with sign [m].
+        Slipped distances since the beginning, with sign [m], shape (t, c, k).
     friction_work
-        (t, c): energy that friction has taken at every contact [J].
+        Energy that friction has dissipated at every contact [J], shape (t, c).
     energy
-        See there.
+        Energies of the body and of its inputs; see `audit`.
     newton_iterations
-        (t,): Newton passes of every step.
+        Newton iterations of every step, shape (t,).
     inputs
-        {name: (t,)}: what acted; of what laws drive, the value over the step that ends there.
+        {name: values, shape (t,)}. For a signal that a controller gives, the value over the step that ends at the
+        instant.
     problem
-        The `ContactProblem` that was run.
+        The `ContactProblem`.
     wall_time
-        How long it took [s].
+        Computing time [s].
     """
 
     problem: ContactProblem
@@ -215,11 +218,15 @@ class ContactRun(Renamed):
         return worst
 
     def save(self, path: str | Path) -> Path:
-        """Write the run to a compressed npz file without pickle, which `load` reads, or to a table where the path ends with .csv; whole or not at all.
+        """Write the run to a file, atomically: a compressed npz file without pickle, which `load` reads, or a table if the path ends with .csv.
 
-        Keys: the arrays of the attributes by their names; `contact_areas` and, if they are known, `contact_positions`;
-        `output.<name>`, `output.<name>.speed` and `input.<name>`; `energy.<word>` for those of `energy`;
-        `run` (JSON) and the arrays it names for the problem.
+        Keys of the npz file:
+
+        - the arrays of the attributes by their names;
+        - `contact_areas` and, if they are known, `contact_positions`;
+        - `output.<name>`, `output.<name>.speed` and `input.<name>`;
+        - `energy.<word>` for the entries of `energy`;
+        - `run` (JSON), and the arrays that it names for the problem.
         """
         path = Path(path)
         if path.suffix == ".csv":

@@ -75,34 +75,38 @@ class Detector:
 
 @dataclass(frozen=True)
 class Estimates(Told, Result):
-    """Estimates over a log, as `estimate` returns them: `print(found)`, `found.plot()`, `found.mean["bit_speed"]`.
+    """Estimates over a log, the result of `estimate`: `print(found)`, `found.plot()`, `found.mean["bit_speed"]`.
 
     Attributes
     ----------
     title
-        Of the machine.
+        Name of the machine.
     time
-        Of the samples [s], shape (nt,).
+        Times of the samples [s], shape (nt,).
     mean, deviation
-        {"bit_speed", "bit_torque", "rock_strength", "severity" or "onset_margin": values in SI, shape (nt,)}; nan where nothing is known. The
-        onset margin is the mean bit speed over the border below which smooth running is lost; it is nan while the bit sticks
-        and slips. Severity and margin are nan if ensemble and torque disagree on stick-slip.
+        {"bit_speed", "bit_torque", "rock_strength", "severity" or "onset_margin": values in SI, shape (nt,)}. nan if
+        nothing is known.
+
+        The onset margin is the mean bit speed minus the border below which smooth running is lost. It is nan while the
+        bit sticks and slips. Severity and margin are nan if ensemble and torque disagree about stick-slip.
     stick_slip
-        Whether there is stick-slip, by ensemble and torque, shape (nt,).
+        Whether there is stick-slip, from ensemble and torque, shape (nt,).
     source
-        Where the log comes from.
+        Origin of the log.
     members
-        Of the ensemble.
+        Number of members of the ensemble.
     measured_samples
         Number of samples with a top speed.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit that was typed}.
     notes
-        What is not known and why, where ensemble and torque disagree, and where the machine cannot be that of the log.
+        Unknown quantities with the reason, times at which ensemble and torque disagree, and signs that the machine is
+        not the machine of the log.
     torque_swing
-        Amplitude of the surface torque at the period of the string over its mean (stick-slip index), which needs no model, shape (nt,).
+        Stick-slip index without a model: amplitude of the surface torque at the period of the string, as a fraction of
+        its mean, shape (nt,).
     sampling_too_slow
-        Where the log is too slow to see stick-slip, shape (nt,).
+        Whether the sampling of the log is too slow to show stick-slip, shape (nt,).
     """
 
     title: str

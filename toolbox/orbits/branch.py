@@ -44,11 +44,11 @@ class Branch(Renamed):
     cycles
         One `Cycle` per value.
     bifurcations
-        The points at which the kind of the cycle changes.
+        Points at which the kind of the cycle changes.
     stop_reason
-        Why the branch ends.
+        Reason for the end of the branch.
     display_units
-        {unit: unit that was typed}: the units in which report and figure answer.
+        {SI unit: unit that was typed}: the units of report and figure.
     """
 
     parameter: str

@@ -391,13 +391,14 @@ def _rest_with_others(w, t):
     call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
         slides = w.kind[i] == layout.FRICTION and w.m[i] != 0.0 and not w.zero[i] and w.lever[i] == 0 and not flies(w, i)
-        if slides and w.loader[i] != layout.SECOND and not two_directions(w, i):
-            if abs(w.z[i]) <= 1e-9 * guard_size(w, 2 * i) and _stays(w, i):
-                w.m[i] = -w.m[i]
-                call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-                w.m[i] = 0.0 if _stays(w, i) else -w.m[i]
-                w.zero[i] = w.m[i] == 0.0
-                call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        if not slides or w.loader[i] == layout.SECOND or two_directions(w, i):
+            continue
+        if abs(w.z[i]) <= 1e-9 * guard_size(w, 2 * i) and _stays(w, i):
+            w.m[i] = -w.m[i]
+            call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+            w.m[i] = 0.0 if _stays(w, i) else -w.m[i]
+            w.zero[i] = w.m[i] == 0.0
+            call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
 
 
 def _stays(w, i):

@@ -96,9 +96,9 @@ class BlockOnBelt(Component):
 
 @dataclass(frozen=True)
 class GuideContact(Component):
-    """Second friction surface on a block: a guide, a seal, or a slide with bristles. Its force on the block is a = F.
+    """Second friction surface on a block: a guide, a seal, or a slide with bristles. It exerts the force a = F on the block.
 
-    F is dry friction with the slip speed v - v_belt.
+    F is dry friction with the slip speed v - v_belt, where v_belt is the speed of the surface (`belt_speed`, 0 by default).
 
     - Needs the signals `block.speed` v [m/s] and `guide.load` [N] (default: the field `load`).
     - Gives the signals `guide.drag` -F [N] and `block.attachment` a [N].

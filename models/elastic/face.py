@@ -66,5 +66,11 @@ class ElasticFace(ContactBody):
             else self.body.mounted({self.support_port: (self.support_stiffness, self.support_damping)})
         )
         return body.in_contact(
-            self.friction, self.tangent, self.normal, closing=self.normal_sign, load=self.loads, gap=self.gap, pushed=self.force_ports
+            self.friction,
+            self.tangent,
+            self.normal,
+            normal_sign=self.normal_sign,
+            load=self.loads,
+            gap=self.gap,
+            force_ports=self.force_ports,
         )

@@ -24,14 +24,14 @@ class ElasticPad(Component):
 
     Contact i consists of two ports of the reduced body: `along.i`, with the displacement x_i along the disc, and
     `into.i`, with the displacement y_i into the disc. A spring k_c represents lining and disc. q is counted from the
-    unloaded pad. a_i is the approach of the disc to contact i: it presses the pad if no other force does.
+    unloaded pad. a_i is the distance by which the disc is pushed into contact i (preload).
 
     With one rigid mass on two springs the model equals `SquealingPad` with the preload k_c a, but the contact may open.
 
     - Needs the signals `disc.speed` v_disc [m/s] (default: the field) and `pad.push` [N] (default 0), a force on the
       port `force_ports`. It pushes the pad into the disc if the positive direction of that port points into the disc.
     - Gives the signals `pad.normal_force` and `pad.friction_force` [N] of all contacts.
-    - States: `pad.displacement` q and `pad.rate` q', without modes that no port excites.
+    - States: `pad.displacement` q and `pad.rate` q', only with the modes that at least one port excites.
     - Elements: `touch.i` with the modes "open" and "closed", and `pad.i` with the modes "stick" and "slip+/-".
 
     Range of validity: small strains, the same disc speed under all contacts, about ten contacts.

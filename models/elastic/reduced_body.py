@@ -18,6 +18,7 @@ from toolbox.authoring import (
     entries,
     is_finite_number,
     new_field,
+    new_names_only,
     number,
     read_arrays,
     replaced,
@@ -199,41 +200,43 @@ class ReducedBody(Renamed):
             damping[i, i] += number(f"mounts.{port}", pair[1], "N s/m", at_least=0)
         return replace(self, stiffness=stiffness, damping=damping)
 
+    @new_names_only
     def in_contact(
         self,
         friction: FrictionLaw,
         tangent: Sequence[str],
         normal: str | None = None,
         *,
-        closing: float = -1.0,
+        normal_sign: float = -1.0,
         load: Any = None,
         gap: Any = None,
-        pushed: Sequence[str] = (),
-        places: Any = None,
-        areas: Any = None,
+        force_ports: Sequence[str] = (),
+        contact_positions: Any = None,
+        contact_areas: Any = None,
     ) -> ContactProblem:
         """Return the contact problem of the body on a rigid counter-surface, for `step_contacts`.
 
-        The inputs of the problem are the speeds of the counter-surface along the tangents [m/s], `surface.<word>` for
-        every word in `tangent`, and the forces in `pushed`. The outputs are all ports.
+        The inputs of the problem are the speeds of the counter-surface along the tangents [m/s], `surface.<prefix>` for
+        every prefix in `tangent`, and the forces on `force_ports`. The outputs are all ports.
 
         Parameters
         ----------
         friction
             The friction law.
         tangent
-            One or two words. The ports `word.0`, `word.1`, ... are the tangential displacements of the contacts.
+            One or two prefixes of port names. The ports `prefix.0`, `prefix.1`, ... are the tangential displacements of the
+            contacts.
         normal
-            The word of their normal displacements, for contacts that open and close.
-        closing
+            Prefix of the ports of the normal displacements, for contacts that open and close.
+        normal_sign
             1 if a positive normal displacement closes the gap, -1 if it opens the gap, as for z above a plate.
         load
             Constant normal loads [N], shape (contacts,), in place of `normal`.
         gap
             Gaps of the contacts, as for `ContactProblem`.
-        pushed
+        force_ports
             Ports on which external forces act. Each is an input of the same name [N].
-        places, areas
+        contact_positions, contact_areas
             Positions of the contacts [m] and their areas [m2], as for `ContactProblem`. By default the values of the body.
 
         Returns
@@ -252,13 +255,13 @@ class ReducedBody(Renamed):
         if len(set(tangent) | {normal}) <= len(ways):
             raise SceneError(f"Arguments `tangent` and `normal` must be words that differ, but they are {tuple(tangent)!r} and {normal!r}.")
         unit = np.eye(self.size)
-        if not is_finite_number(closing) or abs(closing) != 1:
-            raise SceneError(f"Argument `closing` must be 1 or -1, but it is {closing!r}.")
-        if isinstance(pushed, str):
-            raise SceneError(f"Argument `pushed` must be a tuple of ports, such as ({pushed!r},), but it is one text.")
+        if not is_finite_number(normal_sign) or abs(normal_sign) != 1:
+            raise SceneError(f"Argument `normal_sign` must be 1 or -1, but it is {normal_sign!r}.")
+        if isinstance(force_ports, str):
+            raise SceneError(f"Argument `force_ports` must be a tuple of ports, such as ({force_ports!r},), but it is one text.")
         closures = None
         if normal is not None:
-            closures = closing * unit[self.indices(normal)]
+            closures = normal_sign * unit[self.indices(normal)]
         return ContactProblem(
             self.mass,
             self.stiffness,
@@ -268,11 +271,11 @@ class ReducedBody(Renamed):
             load=load,
             damping=self.damping,
             gap=gap,
-            force_inputs={port: unit[self.index(port)] for port in pushed},
+            force_inputs={port: unit[self.index(port)] for port in force_ports},
             surface_velocity={f"surface.{word}": np.tile(np.eye(len(ways))[i], (count, 1)) for i, word in enumerate(tangent)},
             outputs={port: unit[i] for i, port in enumerate(self.ports)},
-            contact_positions=self.contact_positions if places is None else places,
-            contact_areas=self.contact_areas if areas is None else areas,
+            contact_positions=self.contact_positions if contact_positions is None else contact_positions,
+            contact_areas=self.contact_areas if contact_areas is None else contact_areas,
         )
 
     @functools.cached_property

@@ -464,7 +464,7 @@ def test_a_body_whose_stiffness_has_the_wrong_sign_is_refused_and_one_that_is_sl
 def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
     body = ElasticBody(np.eye(3), 1e4 * np.eye(3), dof_map=[[0, 1, 2]])
     reduced = body.reduced({"x.0": body.point(0, "x"), "y.0": body.point(0, "y"), "z.0": body.point(0, "z")})
-    problem = reduced.mounted({"x.0": (5.0, 2.0)}).in_contact(Coulomb(0.3, 0.3), ("x", "y"), "z", pushed=("z.0",))
+    problem = reduced.mounted({"x.0": (5.0, 2.0)}).in_contact(Coulomb(0.3, 0.3), ("x", "y"), "z", force_ports=("z.0",))
     assert problem.stiffness[0, 0] == pytest.approx(1e4 + 5.0)
     assert problem.damping[0, 0] == 2.0
     assert set(problem.force_inputs) == {"z.0"}
@@ -477,9 +477,9 @@ def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
         ((("x", "y", "z"),), {"load": [1.0]}, "one or two words"),
         ((("x", "x"), "z"), {}, "words that differ"),
         ((("x", "y"), "y"), {}, "words that differ"),
-        ((("x", "y"), "z"), {"closing": 0.5}, "1 or -1"),
-        ((("x", "y"), "z"), {"pushed": "z.0"}, "tuple of ports"),
-        ((("x", "y"), "z"), {"pushed": ("z.1",)}, "no port `z.1`"),
+        ((("x", "y"), "z"), {"normal_sign": 0.5}, "1 or -1"),
+        ((("x", "y"), "z"), {"force_ports": "z.0"}, "tuple of ports"),
+        ((("x", "y"), "z"), {"force_ports": ("z.1",)}, "no port `z.1`"),
     ):
         with pytest.raises(SceneError, match=words):
             reduced.in_contact(Coulomb(0.3, 0.3), *arguments, **options)

@@ -83,7 +83,7 @@ def equal(one, other):
 def test_a_scene_runs_what_the_same_arguments_run_in_python(written):
     scene = ContactScene.load(written())
     body = feet().mounted({"back": (100.0, 0.0)})
-    problem = body.in_contact(Coulomb(0.4, 0.3), ("x",), "z", pushed=("top",))
+    problem = body.in_contact(Coulomb(0.4, 0.3), ("x",), "z", force_ports=("top",))
     for label, begin, top in (("light", -1.0, -1.0), ("heavy", -2.0, ramp(-2.0, -4.0, 0.0, 1.0))):
         rest = press_contacts(problem, {"top": begin})
         run = step_contacts(problem, 1.0, step=0.01, inputs={"top": top, "surface.x": 0.03}, start=rest)
@@ -149,7 +149,7 @@ def test_the_published_cube_runs_as_in_python_bit_for_bit_and_repeats_the_shared
     run = ContactScene.load(path).run("no controller")
     body = ReducedBody.load(path.with_suffix(".npz"))
     law = Exponential(static=0.35, kinetic=0.25, decay=1.0)
-    problem = body.mounted({"back": (1e4, 5e3)}).in_contact(law, ("x", "y"), "z", pushed=("top",))
+    problem = body.mounted({"back": (1e4, 5e3)}).in_contact(law, ("x", "y"), "z", force_ports=("top",))
     assert problem.contacts == 121 and problem.contact_areas.sum() == pytest.approx(1e-4)
     plate = {"top": -10.0, "surface.x": ramp(0.0, 0.1, 0.0, 40.0)}
     equal(run, step_contacts(problem, 0.24, step=2e-3, inputs=plate, start=press_contacts(problem, {"top": -10.0})))

@@ -145,7 +145,7 @@ class ClosedLoop(Printed):
 
     @property
     def input_kinds(self) -> tuple[tuple[str, Any], ...]:
-        """Kind of each input (number, table, shape or expression), which belongs to the structure of the compiled loop."""
+        """Kind of each input: number, table, shape or expression. Another kind of an input is a new compilation of the loop."""
         return self._given[0]
 
     @property

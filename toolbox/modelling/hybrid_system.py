@@ -244,7 +244,10 @@ class HybridSystem(Renamed):
         return self.cache[key]
 
     def to_casadi(self) -> dict[str, ca.SX]:
-        """Return the plant as a casadi description {"t", "x", "u", "p", "ode"} for other casadi tools. p contains p and then m."""
+        """Return the plant as a casadi description {"t", "x", "u", "p", "ode"} for other casadi tools.
+
+        The entry "p" is a vector of the parameters followed by the modes of the elements.
+        """
         return {"t": self.t, "x": self.x, "u": self.u, "p": ca.vertcat(self.p, self.m), "ode": self.switched_equations.field}
 
     def __copy__(self) -> HybridSystem:

@@ -287,7 +287,7 @@ class Scene(Labelled):
 
     @property
     def metrics(self) -> dict[str, tuple[str, ...]]:
-        """Metrics of the verdict, as {metric: names of the signals and elements that it reads}."""
+        """Metrics by which the scene judges a run, as {metric: names of the signals and elements that it reads}."""
         stuck = {"stuck": (self.element,)} if self.element is not None else {}
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 

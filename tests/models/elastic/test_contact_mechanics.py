@@ -16,7 +16,9 @@ def test_a_block_under_even_pressure_on_a_smooth_plate_presses_evenly():
     body = body_of_mesh(block_mesh((0.01, 0.01, 0.005), (4, (0.0, 0.2, 0.3, 0.7, 1.0), 3)), density=7800.0, modulus=MODULUS)
     nodes = body.face_nodes("bottom")
     ports = {f"{axis}.{i}": body.point(node, axis) for axis in "xyz" for i, node in enumerate(nodes)} | {"top": body.mean("top", "z")}
-    problem = body.reduced(ports).in_contact(Coulomb(MU, MU), ("x", "y"), "z", pushed=("top",), areas=body.faces["bottom"][nodes])
+    problem = body.reduced(ports).in_contact(
+        Coulomb(MU, MU), ("x", "y"), "z", force_ports=("top",), contact_areas=body.faces["bottom"][nodes]
+    )
     rest = press_contacts(problem, {"top": -10.0}, frictionless=True)
     np.testing.assert_allclose(rest.pressure[0], 1e5, rtol=1e-8)
 

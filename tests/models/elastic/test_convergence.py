@@ -139,7 +139,9 @@ def test_a_block_that_is_pulled_slips_with_every_finer_mesh_closer_to_the_finest
         nodes = body.face_nodes("bottom")
         ports = {f"{axis}.{i}": body.point(node, axis) for axis in "xy" for i, node in enumerate(nodes)}
         reduced = body.reduced(ports | {"left": body.mean("left", "x"), "top": body.mean("top", "y")})
-        problem = reduced.in_contact(Coulomb(0.35, 0.35), ("x",), "y", pushed=("left", "top"), areas=body.faces["bottom"][nodes])
+        problem = reduced.in_contact(
+            Coulomb(0.35, 0.35), ("x",), "y", force_ports=("left", "top"), contact_areas=body.faces["bottom"][nodes]
+        )
         rest = press_contacts(problem, {"top": -1000.0})
         pulled = {"top": -1000.0, "left": ramp(0.0, 340.0, 0.0, 100 * HOUR)}
         runs.append(step_contacts(problem, 100 * HOUR, step=HOUR, inputs=pulled, start=rest))

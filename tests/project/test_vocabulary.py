@@ -38,7 +38,7 @@ NOWHERE = {
 }  # fmt: skip
 """Former names that no public function has as an argument, and no public class as a field, whatever it would mean there."""
 
-EXCEPTIONS = {("Recording", "between"), ("predict", "known"), ("identify", "known"), ("Compiled", "known"), ("suggest", "known")}
+EXCEPTIONS = {("Recording", "between"), ("predict", "known"), ("Compiled", "known"), ("suggest", "known")}
 """The part of a recording between two times, and what is known of its numbers, a condition of machine code, names that
 there are: none of them is what the former name meant."""
 

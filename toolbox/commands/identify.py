@@ -49,7 +49,7 @@ def add(commands: Any) -> None:
     figure_format(verb)
     verb.set_defaults(
         action=run,
-        spelled={"data": "FILE", "columns": "--column", "keep": "--keep", "held": "--held", "known": "--number", "shifts": "--shift"},
+        spelled={"data": "FILE", "columns": "--column", "keep": "--keep", "held": "--held", "fixed": "--number", "shifts": "--shift"},
     )
 
 
@@ -72,7 +72,7 @@ def run(given: argparse.Namespace) -> int:
             [*given.data],
             kind(**values),
             columns=dict(pairs("--column", "SIGNAL=HEADING", given.column)) or None,
-            known=[f"{kind.prefix}.{name}" for name in values],
+            fixed=[f"{kind.prefix}.{name}" for name in values],
             shifts=given.shift,
             directions=given.directions,
             held=held_of(given),

@@ -19,7 +19,7 @@ from .linear_mpc import LinearMPC as LinearMPC
 from .lqg import LQG as LQG
 from .lqr import LQR as LQR
 from .nonlinear_mpc import NonlinearMPC as NonlinearMPC
-from .on_estimates import OnEstimates as OnEstimates
+from .on_estimates import StringObserverController as StringObserverController
 from .pi import PI as PI
 from .pi import StiffPI as StiffPI
 from .pipe import pipe_impedance as pipe_impedance

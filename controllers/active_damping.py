@@ -40,16 +40,16 @@ class ActiveDamping(TorqueLimits):
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", typical_range=(0.05, 40.0))
 
     @staticmethod
-    def gains(stiffness: float, below: float, drive: float) -> tuple[float, float]:
+    def gains(stiffness: float, string_inertia: float, drive_inertia: float) -> tuple[float, float]:
         """Compute the gains for a two-inertia string.
 
         Parameters
         ----------
         stiffness
             Stiffness k of the spring [N m/rad].
-        below
+        string_inertia
             Inertia J_1 below the drive [kg m2].
-        drive
+        drive_inertia
             Inertia J_2 of the drive [kg m2].
 
         Returns
@@ -57,8 +57,8 @@ class ActiveDamping(TorqueLimits):
         float, float
             k_f [N m/rad] and c_f [N m s/rad].
         """
-        om = float(np.sqrt(stiffness / below))
-        return stiffness * drive / below, 2.0 * float(np.sqrt(below / drive)) * om * drive
+        om = float(np.sqrt(stiffness / string_inertia))
+        return stiffness * drive_inertia / string_inertia, 2.0 * float(np.sqrt(string_inertia / drive_inertia)) * om * drive_inertia
 
     def design(self, plant):
         """Return the `PI` with the gains for this plant.

@@ -12,6 +12,8 @@ from toolbox import Update
 class BrakeForce(BrakeLaw):
     """Brake controller with the constant force of the plan, N = N_p: the baseline for the other brake controllers.
 
+    The plan of the stop and the limits of the command are described in the base class `controllers.brake_law.BrakeLaw`.
+
     With a `margin` the force is reduced before standstill, so that it stays below `margin` times the force above which
     the pad groans. The border of groan is N_0 exp(q w) at the disc speed w. The reduction begins at the speed w_e, and
     the disc then slows down as

@@ -30,33 +30,41 @@ UNBOUNDED = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class BrakeLaw(Controller):
-    """A sampled law that commands the force of the pads so that the disc follows w_p' = -deceleration to standstill.
+    """Base class of sampled brake controllers, which command the force of the pads so that the disc follows w_p' = -deceleration to standstill.
 
-        I w' = -T,   T = 2 mu r N,   so that  N_p = I deceleration / (2 r friction)  is the force of the plan
+        I w' = -T,   T = 2 mu r N,   N_p = I deceleration / (2 r friction)  is the force of the plan
 
-    The plan begins at the speed of the first sample and ends at 0. Commands stay between `lowest_force`, which holds the wheel once it stands, and
-    `highest_force`, change by at most `force_rate` times the period (None is no limit), and are held once the wheel has stopped. With a `margin`
-    they also stay below the margin times the force above which the pad loses its damping (`groan_border`): the brake is eased towards standstill, as a
-    chauffeur does, and the stop gets longer. That border is either `border` N_0 exp(`growth` q w), or `border_forces`, of which each holds from its speed in
-    `border_speeds` up to the next speed. `inertia` I, `radius` r and the border are read from the plant unless given.
+    The plan begins at the speed of the first sample and ends at 0.
+
+    Limits of the command:
+
+    - It stays between `lowest_force`, which holds the wheel at standstill, and `highest_force`.
+    - It changes by at most `force_rate` times the period (None: no limit).
+    - It is held after the wheel has stopped.
+    - With a `margin` it stays below `margin` times the border of groan, the force above which the pad loses its damping
+      (`groan_border`). The brake is then released before standstill, as a chauffeur does, and the stop becomes longer.
+
+    The border of groan is either `border` with an exponential growth, or `border_forces`, each of which holds from its
+    speed in `border_speeds` up to the next speed. The inertia I, the radius r and the border are read from the plant if
+    they are not given.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed",)
     actuated_signals: ClassVar[tuple[str, ...]] = ("brake.force",)
 
     deceleration: Quantity = quantity(2.0, "rad/s2", "wanted deceleration of the disc", above=0)
-    car_deceleration: OptionalQuantity = quantity(None, "m/s2", "wanted deceleration of the car, in place of that of the disc", above=0)
-    friction: Quantity = quantity(0.4, "1", "coefficient of friction that the law expects", above=0)
-    margin: OptionalQuantity = quantity(None, "1", "part of the border force that the law allows itself", above=0)
+    car_deceleration: OptionalQuantity = quantity(None, "m/s2", "wanted deceleration of the car, in place of `deceleration`", above=0)
+    friction: Quantity = quantity(0.4, "1", "expected coefficient of friction", above=0)
+    margin: OptionalQuantity = quantity(None, "1", "allowed force as a fraction of the border of groan", above=0)
     lowest_force: Quantity = quantity(100.0, "N", "lowest force of one pad", at_least=0)
     highest_force: Quantity = quantity(5000.0, "N", "highest force of one pad", above=0, typical_range=(1.0, 1e6))
     force_rate: OptionalQuantity = quantity(20_000.0, "N/s", "highest rate of the force", above=0)
     inertia: OptionalQuantity = quantity(None, "kg m2", "inertia I on the disc", above=0)
     radius: OptionalQuantity = quantity(None, "m", "effective radius r of the pads", above=0, typical_range=(0.01, 1.0))
     border: OptionalQuantity = quantity(None, "N", "force N_0 above which the pad groans at standstill", above=0)
-    growth: OptionalQuantity = quantity(None, "s/rad", "growth q of that force with the disc speed", at_least=0)
+    border_growth: OptionalQuantity = quantity(None, "s/rad", "growth q of the border of groan with the disc speed", at_least=0)
     border_speeds: OptionalQuantities = quantity(None, "rad/s", "disc speeds, from 0 upwards, at which the border changes", at_least=0)
-    border_forces: OptionalQuantities = quantity(None, "N", "border from each of these speeds up to the next one", above=0)
+    border_forces: OptionalQuantities = quantity(None, "N", "border from each of `border_speeds` up to the next one", above=0)
 
     def check(self):
         number("highest_force", self.highest_force, "N", above=self.lowest_force)
@@ -74,21 +82,24 @@ class BrakeLaw(Controller):
                 raise SceneError(f"Argument `border_speeds` must begin at 0 and increase, but it is {speeds!r}.")
 
     def design(self, plant: HybridSystem) -> Any:
-        """The law with the numbers read from the plant that are not given; border and growth only where a `margin` asks for them."""
+        """Return the controller with missing numbers read from the plant. The border of groan is read only if there is a `margin`."""
         found: dict[str, Any] = {}
         try:
             found = {name: plant.parameter(f"disc.{name}") for name in ("inertia", "radius") if getattr(self, name) is None}
         except SceneError as error:
             raise SceneError(f"{type(self).__name__} needs `inertia` and `radius` of the disc: {error}") from None
-        if self.margin is not None and self.border_forces is None and (self.border is None or self.growth is None):
+        if self.margin is not None and self.border_forces is None and (self.border is None or self.border_growth is None):
             border = groan_border(plant)
-            if border.growth > 0.0:
-                first, growth = border.forces[0], border.growth
-                found |= {"border": first if self.border is None else self.border, "growth": growth if self.growth is None else self.growth}
-            elif self.border is not None or self.growth is not None:
-                missing = "growth" if self.growth is None else "border"
+            if border.border_growth > 0.0:
+                first, growth = border.forces[0], border.border_growth
+                found |= {
+                    "border": first if self.border is None else self.border,
+                    "border_growth": growth if self.border_growth is None else self.border_growth,
+                }
+            elif self.border is not None or self.border_growth is not None:
+                missing = "border_growth" if self.border_growth is None else "border"
                 raise SceneError(
-                    f"Arguments `border` and `growth` must be given together on friction that is not exponential, but `{missing}` is missing."
+                    f"Arguments `border` and `border_growth` must be given together on friction that is not exponential, but `{missing}` is missing."
                 )
             else:
                 found |= {"border_speeds": border.speeds, "border_forces": tuple(min(force, UNBOUNDED) for force in border.forces)}
@@ -102,7 +113,7 @@ class BrakeLaw(Controller):
     def border_at(self, speed: Any) -> Any:
         """Return the force [N] above which the pad groans at a disc speed [rad/s] >= 0, an expression or numbers of any shape."""
         if self.border_forces is None or self.border_speeds is None:
-            return self.border * (ca if isinstance(speed, ca.SX) else np).exp(self.growth * speed)
+            return self.border * (ca if isinstance(speed, ca.SX) else np).exp(self.border_growth * speed)
         if not isinstance(speed, ca.SX):
             return np.asarray(self.border_forces)[np.searchsorted(self.border_speeds, speed, side="right") - 1]
         force: Any = self.border_forces[0]
@@ -150,8 +161,8 @@ class GroanBorder(NamedTuple):
         Disc speeds at which the pieces of the border begin [rad/s], ascending, the first 0.
     forces
         Force of each piece [N]. inf if the pad does not groan at any force.
-    growth
-        Growth q of the border with the disc speed [s/rad]. The border is forces[i] exp(growth w) for disc speeds w from
+    border_growth
+        Growth q of the border with the disc speed [s/rad]. The border is forces[i] exp(border_growth w) for disc speeds w from
         speeds[i] to speeds[i + 1].
 
     Examples
@@ -166,16 +177,16 @@ class GroanBorder(NamedTuple):
 
     speeds: tuple[float, ...]
     forces: tuple[float, ...]
-    growth: float = 0.0
+    border_growth: float = 0.0
 
     def at(self, speed: float) -> float:
-        """Return the border [N] at a disc speed [rad/s] >= 0. At a speed where two pieces meet, the piece of the higher speeds holds."""
+        """Return the border [N] at a disc speed [rad/s] >= 0. If two pieces meet at this speed, the piece of the higher speeds is used."""
         piece = int(np.searchsorted(self.speeds, number("speed", speed, "rad/s", at_least=0), side="right")) - 1
-        return self.forces[piece] * math.exp(self.growth * speed)  # growth is 0 where a piece has no border
+        return self.forces[piece] * math.exp(self.border_growth * speed)  # growth is 0 where a piece has no border
 
     def __str__(self) -> str:
         ends = (*self.speeds[1:], math.inf)
-        grows = f" x exp({self.growth:g} s/rad x disc speed)" if self.growth else ""
+        grows = f" x exp({self.border_growth:g} s/rad x disc speed)" if self.border_growth else ""
         told = (f"{force:.1f} N" if math.isfinite(force) else "no border" for force in self.forces)
         rows = zip(self.speeds, ends, told, strict=True)
         return "\n".join(["Border of groan, force of one pad", *(f"  {u:8.3f} to {w:8.3f} rad/s  {force}{grows}" for u, w, force in rows)])
@@ -274,6 +285,6 @@ def groan_force(plant: HybridSystem) -> tuple[float, float]:
     Under N_0 the pad keeps its damping down to standstill. Raises SceneError for a plant whose pad has another law of friction: see `groan_border`.
     """
     border = groan_border(plant)
-    if border.growth == 0.0:
+    if border.border_growth == 0.0:
         raise SceneError("The border grows exponentially with speed only for exponential friction: use `groan_border`.")
-    return border.forces[0], border.growth
+    return border.forces[0], border.border_growth

@@ -24,7 +24,7 @@ class BrakeMPC(BrakeLaw):
     stop:
 
         n_(k+1) = n_k + alpha (u_k - n_k),   w_(k+1) = w_k - (2 r mu h / I) n_(k+1),   z_(k+1) = z_k + h (w_(k+1) - w_p)
-        min sum_k ((w_k - w_p) / speed_size)^2 + (z_k / angle_size)^2 + ((u_k - u_(k-1)) / move_size)^2 + violation_cost (excess + excess^2 / 2)
+        min sum_k ((w_k - w_p) / speed_scale)^2 + (z_k / angle_scale)^2 + ((u_k - u_(k-1)) / force_step_scale)^2 + violation_cost (excess + excess^2 / 2)
         n_k <= margin N(w_k) + excess,   lowest_force <= u_k <= highest_force,   |u_k - u_(k-1)| <= force_rate h
 
     - u is the command, n the force of one pad, w the speed of the disc, w_p the planned speed, z the error of the
@@ -37,6 +37,8 @@ class BrakeMPC(BrakeLaw):
 
     The controller predicts the border, so it brakes harder before it must reduce the force.
 
+    The plan of the stop and the limits of the command are described in the base class `controllers.brake_law.BrakeLaw`.
+
     A solution that does not satisfy its KKT conditions is rejected, and the controller continues with its last plan.
     `run.controllers[0].record` holds computing times and fallbacks. The controller is sampled only, with the sample
     time `period`.
@@ -44,14 +46,14 @@ class BrakeMPC(BrakeLaw):
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
 
-    margin: OptionalQuantity = quantity(0.8, "1", "part of the border force that the law allows itself", above=0)
+    margin: OptionalQuantity = quantity(0.8, "1", "allowed force as a fraction of the border of groan", above=0)
     period: Quantity = quantity(
-        0.03, "s", "sample time; 1.5 periods of the default pad, which steps at its own period would excite", above=0
+        0.03, "s", "sample time; 1.5 periods of the default pad, because steps at the period of the pad would excite it", above=0
     )
     horizon: int = 60
-    speed_size: Quantity = quantity(0.2, "rad/s", "deviation of the speed that counts", above=0)
-    angle_size: Quantity = quantity(0.05, "rad", "deviation of the angle that counts", above=0)
-    move_size: Quantity = quantity(100.0, "N", "change of the force within a period that counts", above=0)
+    speed_scale: Quantity = quantity(0.2, "rad/s", "scale of the deviation of the speed in the cost", above=0)
+    angle_scale: Quantity = quantity(0.05, "rad", "scale of the deviation of the angle in the cost", above=0)
+    force_step_scale: Quantity = quantity(100.0, "N", "scale of the change of the force per sample in the cost", above=0)
     violation_cost: Quantity = quantity(1e5, "1", "cost of passing the border of groan by 1000 N", above=0)
     filter_time: Quantity = quantity(0.1, "s", "time over which the friction is averaged", at_least=0)
     lag: OptionalQuantity = quantity(None, "s", "time constant of the actuator", at_least=0)
@@ -100,7 +102,7 @@ class PlannedStop(Stateful):
         self.forced = np.where(power >= 0, (1.0 - self.keep) * self.keep ** np.maximum(power, 0), 0.0)
         self.sum = np.tril(np.ones((N, N)))
         moves = np.eye(N) - np.eye(N, k=-1)
-        self.curvature = (UNIT / law.move_size) ** 2 * moves.T @ moves
+        self.curvature = (UNIT / law.force_step_scale) ** 2 * moves.T @ moves
         slack = self.slack = 0 if law.margin is None else 1
         self.rows = np.zeros((N * (1 + slack), N + slack))
         self.rows[:N, :N] = moves
@@ -161,9 +163,9 @@ class PlannedStop(Stateful):
         Z, angle = h * self.sum @ S, total + h * self.sum @ error
         H = np.zeros((N + self.slack, N + self.slack))
         g = np.zeros(N + self.slack)
-        H[:N, :N] = S.T @ S / law.speed_size**2 + Z.T @ Z / law.angle_size**2 + self.curvature
-        g[:N] = S.T @ error / law.speed_size**2 + Z.T @ angle / law.angle_size**2
-        g[0] -= UNIT * self.last / law.move_size**2
+        H[:N, :N] = S.T @ S / law.speed_scale**2 + Z.T @ Z / law.angle_scale**2 + self.curvature
+        g[:N] = S.T @ error / law.speed_scale**2 + Z.T @ angle / law.angle_scale**2
+        g[0] -= UNIT * self.last / law.force_step_scale**2
         low = np.full(N + self.slack, law.lowest_force / UNIT)
         high = np.full(N + self.slack, law.highest_force / UNIT)
         step = self.step
@@ -176,7 +178,7 @@ class PlannedStop(Stateful):
             H[N, N], g[N] = law.violation_cost, law.violation_cost
             around = np.maximum(np.append(self.speeds[1:], self.speeds[-1]) if self.planned else wish[1:], 0.0)
             border = law.margin * law.border_at(around) / UNIT
-            growth = law.growth if law.border_forces is None else 0.0
+            growth = law.border_growth if law.border_forces is None else 0.0
             self.rows[N:, :N] = self.forced - (growth * border)[:, None] * S
             self.rows[N:, N] = -1.0
             below = np.append(below, np.full(N, -np.inf))

@@ -15,6 +15,8 @@ class BrakePI(BrakeLaw):
 
         N = N_p [1 + (proportional e + integral int e dt) / deceleration],   e = deceleration - T / I
 
+    The plan of the stop and the limits of the command are described in the base class `controllers.brake_law.BrakeLaw`.
+
     N_p is the planned force of one pad, T the measured brake torque and I the inertia. T / I is the deceleration of the
     disc, so the integral of e equals w - w_p, the disc speed minus the planned speed. Both speeds are known, so the
     integral does not drift.

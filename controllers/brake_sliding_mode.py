@@ -27,8 +27,11 @@ class BrakeSlidingMode(BrakeLaw):
 
         s = e + lam int e dt,  e = w - w_p;    N = I [deceleration + lam e + eta sat(s / width)] / (2 r mu),    mu = T / (2 r N)
 
-    w is the disc speed, w_p the planned speed, T the measured brake torque and N the force of one pad. The coefficient
-    of friction mu is measured: it is limited to 0.5 to 2 times the expected `friction` and averaged over `filter_time`.
+    The plan of the stop and the limits of the command are described in the base class `controllers.brake_law.BrakeLaw`.
+
+    w is the disc speed, w_p the planned speed, T the measured brake torque and N the force of one pad. lam is the
+    weight of the integral, eta the reaching rate and width the half-width of the boundary layer. The coefficient of
+    friction mu is measured: it is limited to 0.5 to 2 times the expected `friction` and averaged over `filter_time`.
     With `filter_time` 0 it is the value of the last sample.
 
     The sign function is discretised implicitly, sgn(s_(k+1)) = sat(s_k / (eta period)). The boundary layer is therefore
@@ -47,9 +50,9 @@ class BrakeSlidingMode(BrakeLaw):
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
 
-    surface: Quantity = quantity(2.0, "1/s", "weight lam of the integral in the surface", at_least=0)
-    reaching: Quantity = quantity(1.0, "rad/s2", "reaching rate eta", above=0)
-    width: Quantity = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
+    surface_gain: Quantity = quantity(2.0, "1/s", "weight lam of the integral in the surface", at_least=0)
+    reaching_rate: Quantity = quantity(1.0, "rad/s2", "reaching rate eta", above=0)
+    boundary_layer: Quantity = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
     filter_time: Quantity = quantity(0.0, "s", "time over which the friction is averaged", at_least=0)
 
     def sampled(self, signal, period):
@@ -60,8 +63,8 @@ class BrakeSlidingMode(BrakeLaw):
         seen = ca.fmin(ca.fmax(seen, -0.5 * self.friction), self.friction)
         learned = ca.if_else(last > 0.0, doubt + period / (period + self.filter_time) * (seen - doubt), 0.0)
         error = speed - plan
-        sign = ca.fmin(ca.fmax((error + self.surface * angle) / ca.fmax(self.width, self.reaching * period), -1.0), 1.0)
-        wanted = self.force_for(self.deceleration + self.surface * error + self.reaching * sign, self.friction + learned)
+        sign = ca.fmin(ca.fmax((error + self.surface_gain * angle) / ca.fmax(self.boundary_layer, self.reaching_rate * period), -1.0), 1.0)
+        wanted = self.force_for(self.deceleration + self.surface_gain * error + self.reaching_rate * sign, self.friction + learned)
         command = self.limited(wanted, speed, period, last)
         memory = {**planned, last: command, doubt: learned, angle: angle + period * error}
         return Update(memory=memory, outputs={"brake.force": (command, "N")})

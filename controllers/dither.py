@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import Controller, Equations, HybridSystem, Quantity, SceneError, Update, measure, quantity, simulate, time
-from toolbox.authoring import number
+from toolbox.authoring import new_names_only, number
 from toolbox.inputs import sine
 from toolbox.modelling import OptionalQuantity
 
@@ -38,16 +38,16 @@ def declared_load(plant: HybridSystem, load: str) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class LoadDither(Controller):
-    """What the dithers of a normal load share: they drive `load` with mean (1 + depth wave), |wave| <= 1.
+    """Base class of the dithers of a normal load: they give `load` the value mean (1 + depth wave), with |wave| <= 1.
 
-    With `over` they drive `load`, such as `brake.disturbance`, with depth wave times the signal `over`, the force that another law commands. `mean` is
-    the default of the input `load` unless given.
+    With `over` they give `load`, such as `brake.disturbance`, the value depth wave times the signal `over`, the force
+    that another controller commands. `mean` is by default the default of the input `load`.
     """
 
     load: str = "bit.weight"
     over: str | None = None
     mean: OptionalQuantity = quantity(None, "N", "mean load N_0", above=0)
-    depth: Quantity = quantity(0.5, "1", "amplitude in parts of the mean", at_least=0, at_most=1)
+    depth: Quantity = quantity(0.5, "1", "amplitude as a fraction of the mean", at_least=0, at_most=1)
 
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -127,9 +127,9 @@ class SquareDither(NormalDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SweptDither(NormalDither):
-    """Sinusoidal dither of a normal load with a varying frequency: f(t) = frequency + span sin(2 pi t / sweep_time).
+    """Sinusoidal dither of a normal load with a varying frequency: f(t) = frequency + frequency_deviation sin(2 pi t / sweep_time).
 
-    The frequency varies by `span` above and below `frequency`, with the period `sweep_time`.
+    The frequency varies by `frequency_deviation` above and below `frequency`, with the period `sweep_time`.
 
     Examples
     --------
@@ -138,18 +138,18 @@ class SweptDither(NormalDither):
     >>> from toolbox import closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SweptDither()))
     Closed loop: TorsionalChain, BitRock
-      SweptDither, continuous: mean 97 kN, depth 0.5, frequency 1 Hz, span 0.4 Hz, sweep_time 20 s
+      SweptDither, continuous: mean 97 kN, depth 0.5, frequency 1 Hz, frequency_deviation 0.4 Hz, sweep_time 20 s
       bit.weight has no effect, because the input bit.weight takes its place
     """
 
-    span: Quantity = quantity(0.4, "Hz", "swing of the frequency either way", at_least=0)
+    frequency_deviation: Quantity = quantity(0.4, "Hz", "largest deviation from `frequency` in both directions", at_least=0)
     sweep_time: Quantity = quantity(20.0, "s", "period of the sweep", above=0)
 
     def check(self):
-        number("span", self.span, "Hz", below=self.frequency)
+        number("frequency_deviation", self.frequency_deviation, "Hz", below=self.frequency)
 
     def wave(self):
-        swing = self.span * self.sweep_time * (1.0 - ca.cos(2.0 * ca.pi * time / self.sweep_time))
+        swing = self.frequency_deviation * self.sweep_time * (1.0 - ca.cos(2.0 * ca.pi * time / self.sweep_time))
         return ca.sin(2.0 * ca.pi * self.frequency * time + swing)
 
 
@@ -160,7 +160,7 @@ class PhasedDither(LoadDither):
     v is the signal `speed`. The load is higher while the contact slips faster than on average, so friction rises with
     speed.
 
-    - `size` is the deviation of v at which the full depth is reached. It is negative if the slip speed falls while v
+    - `speed_scale` is the deviation of v at which the full depth is reached. It is negative if the slip speed falls while v
       rises. Example: a block on a moving belt, whose slip speed falls while the block moves with the belt.
     - `unit` is by default the unit of the signal `speed` in the plant.
 
@@ -173,14 +173,14 @@ class PhasedDither(LoadDither):
     >>> from toolbox import closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), PhasedDither(reference="60 rpm")))
     Closed loop: TorsionalChain, BitRock
-      PhasedDither, continuous: mean 97 kN, depth 0.5, reference 60 rpm, size 9.549 rpm
+      PhasedDither, continuous: mean 97 kN, depth 0.5, reference 60 rpm, speed_scale 9.549 rpm
       bit.weight has no effect, because the input bit.weight takes its place
     """
 
     speed: str = "bit.speed"
     unit: str | None = None
     reference: Quantity = quantity(0.0, "rad/s", "value of the signal at the mean slip, in its unit")
-    size: Quantity = quantity(1.0, "rad/s", "deviation of the signal at which the depth is reached, in its unit")
+    speed_scale: Quantity = quantity(1.0, "rad/s", "deviation of the signal at which the depth is reached, in its unit")
 
     @property
     def measured_signals(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -188,8 +188,8 @@ class PhasedDither(LoadDither):
         return (self.speed,) if self.over is None else (self.speed, self.over)
 
     def check(self):
-        if self.size == 0:
-            raise SceneError("Argument `size` must not be 0.")
+        if self.speed_scale == 0:
+            raise SceneError("Argument `speed_scale` must not be 0.")
 
     def design(self, plant: HybridSystem) -> Any:
         """Return the controller with the mean load and the unit of the speed from the plant, if they are not given."""
@@ -197,7 +197,7 @@ class PhasedDither(LoadDither):
         return law if self.unit is not None else replace(law, unit=plant.unit(self.speed))
 
     def _wave(self, signal: Any) -> Any:
-        return ca.fmin(ca.fmax((signal(self.speed, self.unit) - self.reference) / self.size, -1.0), 1.0)
+        return ca.fmin(ca.fmax((signal(self.speed, self.unit) - self.reference) / self.speed_scale, -1.0), 1.0)
 
     def continuous(self, signal):
         return Equations(outputs=self.loaded(signal, self._wave(signal)))
@@ -262,7 +262,7 @@ class DitherMap:
         if not found:
             standing = f" The contact stands at {int(self.stands.sum())} of {self.swing.size} points: hold its speed, as `HeldSpeed` does on a brake."
             raise SceneError(
-                f"No dither on the map brings the swing below {below:g} of what it was while the contact slips."
+                f"No dither on the map brings the swing below {below:g} of the swing without dither while the contact slips."
                 + standing * bool(self.stands.any())
             )
         wide = [entry for entry in found if entry[2] >= 2.0 * entry[1]]
@@ -270,7 +270,7 @@ class DitherMap:
         return float(np.sqrt(low * high)), float(depth)
 
     def __str__(self) -> str:
-        head = f"Swing under dither, as a fraction of that without; natural frequency {self.natural:.4g} Hz; * stands"
+        head = f"Swing under dither as a fraction of the swing without dither; natural frequency {self.natural:.4g} Hz; * stands"
         names = f"{'frequency [Hz]':<16}" + "".join(f"{f'depth {depth:.2g}':>12}" for depth in self.depth)
         lines = [head, names, "-" * len(names)]
         for j, frequency in enumerate(self.frequency):
@@ -284,6 +284,7 @@ class DitherMap:
         return "\n".join(lines)
 
 
+@new_names_only
 def dither_map(
     plant: HybridSystem,
     load: str,
@@ -295,12 +296,12 @@ def dither_map(
     ratios: Sequence[float] | np.ndarray,
     depths: Sequence[float] | np.ndarray,
     periods: float = 80.0,
-    offset: float = 0.0,
+    other_load: float = 0.0,
     **arguments: Any,
 ) -> DitherMap:
     """Map the amplitude of a signal over frequency and depth of an alternating load, by simulation.
 
-    The load is mean (1 + depth sin) - offset. Each run lasts `periods` natural periods, and its second half is
+    The load is mean (1 + depth sin) - other_load. Each run lasts `periods` natural periods, and its second half is
     evaluated.
 
     The map is valid for a machine whose mean speed is held constant. If the dither could stop the machine, hold its
@@ -326,7 +327,7 @@ def dither_map(
         Amplitudes of the alternation as fractions of `mean`.
     periods
         Length of a run in natural periods.
-    offset
+    other_load
         Part of the load that another input gives, as with `brake.disturbance`.
     arguments
         Further arguments of `simulate`, such as `controller` and `start`.
@@ -348,7 +349,7 @@ def dither_map(
     >>> from toolbox import compose
     >>> block = compose(oscillators.LEINE)
     >>> print(dither_map(block, "block.load", 1.0, 0.159, contact="belt", signal="block.position", ratios=(0.5, 3.5), depths=(0.8,)))
-    Swing under dither, as a fraction of that without; natural frequency 0.159 Hz; * stands
+    Swing under dither as a fraction of the swing without dither; natural frequency 0.159 Hz; * stands
     frequency [Hz]     depth 0.8
     ----------------------------
     0.0795                 1.88
@@ -360,7 +361,7 @@ def dither_map(
     given: Mapping[str, Any] = arguments.pop("inputs", None) or {}
 
     def found(depth: float, ratio: float) -> tuple[float, float]:
-        wave = {load: sine(mean - offset, depth * mean, ratio * natural)} if depth else {load: mean - offset}
+        wave = {load: sine(mean - other_load, depth * mean, ratio * natural)} if depth else {load: mean - other_load}
         run = simulate(plant, duration, inputs={**given, **wave}, **arguments)
         extent = measure.extent(run, signal, duration / 2)
         stuck = measure.stuck_ratio(run, contact, duration / 2)

@@ -59,23 +59,23 @@ class HInfinity(TorqueLimits):
     """
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
-    bit_speed_scale: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
-    angle_scale: Quantity = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
-    torque_scale: Quantity = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
+    bit_speed_scale: Quantity = quantity(2.0, "rad/s", "scale of the bit speed in the norm", above=0)
+    angle_scale: Quantity = quantity(8.0, "rad", "scale of the integral in the norm", above=0)
+    torque_scale: Quantity = quantity(3000.0, "N m", "scale of the torque in the norm", above=0)
     disturbance_scale: Quantity = quantity(1000.0, "N m", "disturbance of the bit torque", above=0)
     speed_noise: Quantity = quantity(0.03, "rad/s", "error of the measured top speed", above=0)
     integrator_leak: Quantity = quantity(0.005, "1/s", "pole of the weight on the top speed", above=0)
-    norm_factor: Quantity = quantity(1.2, "1", "norm allowed, in parts of the smallest", above=1)
+    norm_factor: Quantity = quantity(1.2, "1", "allowed norm as a multiple of the smallest norm", above=1)
     order: int = 0
-    matrix_indices: tuple[int, ...] = ()
+    nonzero_indices: tuple[int, ...] = ()
     controller_matrices: OptionalQuantities = quantity(
         None,
         "1",
-        "A of K where `matrix_indices` says (everywhere if it is empty), B, C, and its drive column, row by row; filled in by design",
+        "A of K where `nonzero_indices` says (everywhere if it is empty), B, C, and its drive column, row by row; filled in by design",
     )
     operating_torque: OptionalQuantity = quantity(None, "N m", "u_0; filled in by design")
     initial_state_map: OptionalQuantities = quantity(None, "1", "states of K at rest per torque beyond u_0, then K(0); filled in by design")
-    gamma: OptionalQuantity = quantity(None, "1", "the norm that is kept; filled in by design")
+    gamma: OptionalQuantity = quantity(None, "1", "bound of the norm; filled in by design")
 
     def design(self, plant):
         """Return the controller designed on the plant. Raises SceneError if no such controller exists."""
@@ -105,7 +105,7 @@ class HInfinity(TorqueLimits):
         begins = -np.linalg.solve(A_K, B_K.ravel() / self.speed_noise)
         steady = float(C_K.ravel() @ begins) * self.torque_scale
         return replace(
-            self, order=n + 1, matrix_indices=places, controller_matrices=tuple(matrices.tolist()), operating_torque=u,
+            self, order=n + 1, nonzero_indices=places, controller_matrices=tuple(matrices.tolist()), operating_torque=u,
             initial_state_map=(*(begins / steady).tolist(), steady), gamma=self.norm_factor * high,
         )  # fmt: skip
 
@@ -125,7 +125,7 @@ class HInfinity(TorqueLimits):
         n = self.order
         _, C, drive = np.reshape(self.controller_matrices[-3 * n :], (3, n))
         A = np.zeros((n, n))
-        A.ravel()[list(self.matrix_indices) or slice(None)] = self.controller_matrices[: -3 * n]
+        A.ravel()[list(self.nonzero_indices) or slice(None)] = self.controller_matrices[: -3 * n]
         free, cut = np.linalg.eigvals(A), np.linalg.eigvals(A - np.outer(drive, C))
         rates = np.concatenate([free[free.real <= 0.0], cut if self.limits_known else []])
         refuse_swinging(type(self).__name__, rates, period, "A larger `speed_noise` has slower poles.")
@@ -151,7 +151,7 @@ class HInfinity(TorqueLimits):
     def _column(self, name):
         """B, C or the drive column of K."""
         n, place = self.order, ("B", "C", "drive").index(name)
-        many = len(self.matrix_indices) or n * n
+        many = len(self.nonzero_indices) or n * n
         return ca.vertcat(*self.controller_matrices[many + place * n : many + (place + 1) * n])
 
     def _error(self, signal):
@@ -161,7 +161,7 @@ class HInfinity(TorqueLimits):
         if self.controller_matrices is None or self.operating_torque is None or self.initial_state_map is None:
             raise SceneError("HInfinity needs the plant it acts on: call `design(plant)`.")
         n = self.order
-        A = with_entries((n, n), self.matrix_indices, ca.vertcat(*self.controller_matrices[: len(self.matrix_indices) or n * n]))
+        A = with_entries((n, n), self.nonzero_indices, ca.vertcat(*self.controller_matrices[: len(self.nonzero_indices) or n * n]))
         B, C, drive = self._column("B"), self._column("C").T, self._column("drive")
         x, angle = state("hinfinity.state", "1", n), state("hinfinity.angle", "rad")
         error = self._error(signal)

@@ -45,10 +45,10 @@ class HeldSpeed(Controller):
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed",)
     actuated_signals: ClassVar[tuple[str, ...]] = ("disc.torque",)
 
-    reference: Quantity = quantity(1.0, "rad/s", "speed that is held", above=0)
+    reference: Quantity = quantity(1.0, "rad/s", "set-point of the disc speed", above=0)
     frequency: Quantity = quantity(0.5, "Hz", "natural frequency of the drive", above=0)
     damping: Quantity = quantity(0.7, "1", "its damping ratio zeta", above=0)
-    inertia: OptionalQuantity = quantity(None, "kg m2", "inertia I of disc and drive; None takes that of the plant", above=0)
+    inertia: OptionalQuantity = quantity(None, "kg m2", "inertia I of disc and drive; by default read from the plant", above=0)
 
     def design(self, plant):
         if self.inertia is not None:

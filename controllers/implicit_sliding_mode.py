@@ -47,7 +47,7 @@ class ImplicitSlidingMode(SlidingSurface):
     """
 
     adaptation_gain: Quantity = quantity(
-        0.2, "1", "part of what is left of s that is taken for an acceleration that the model lacks", at_least=0, at_most=1
+        0.2, "1", "fraction of the remaining s that is attributed to an acceleration missing in the model", at_least=0, at_most=1
     )
 
     def sampled(self, signal, period):

@@ -114,20 +114,22 @@ class Lifting(Controller):
 
     law: Controller = field(default_factory=Controller)
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
-    first_factor: Quantity = quantity(2.0, "1", "first lifted set-point in parts of what is asked", above=1)
-    factor_step: Quantity = quantity(0.5, "1", "what is added to a lift that does not help, in parts of what is asked", above=0)
-    max_factor: Quantity = quantity(4.0, "1", "highest one", above=1)
-    raise_rate: Quantity = quantity(0.5, "rad/s2", "rate at which the set-point is lifted", above=0)
-    lower_rate: Quantity = quantity(0.3, "rad/s2", "rate at which it is lowered", above=0)
-    max_attempts: Quantity = quantity(2.0, "1", "relapses until it gives up", at_least=0)
-    speed_limit_factor: OptionalQuantity = quantity(
-        None, "1", "top speed from which on the torque is lowered, in parts of what is asked; none unless given", above=1
+    first_factor: Quantity = quantity(2.0, "1", "first raised set-point as a multiple of the set-point", above=1)
+    factor_step: Quantity = quantity(
+        0.5, "1", "increase of the raised set-point if stick-slip persists, as a multiple of the set-point", above=0
     )
-    min_speed_limit: Quantity = quantity(0.0, "rad/s", "top speed up to which no limit lowers it, whatever is asked", at_least=0)
-    weight_relief: OptionalQuantity = quantity(None, "1", "share of the weight that is taken off; none unless given", above=0, at_most=1)
-    unload_rate: Quantity = quantity(0.05, "1/s", "rate at which weight is taken off, in parts of it", above=0)
-    reload_rate: Quantity = quantity(0.01, "1/s", "rate at which it comes back", above=0)
-    weight: OptionalQuantity = quantity(None, "N", "weight that is asked, default of `weight.reference`; filled in by design", at_least=0)
+    max_factor: Quantity = quantity(4.0, "1", "highest raised set-point as a multiple of the set-point", above=1)
+    raise_rate: Quantity = quantity(0.5, "rad/s2", "rate at which the set-point is raised", above=0)
+    lower_rate: Quantity = quantity(0.3, "rad/s2", "rate at which the raised set-point is lowered", above=0)
+    max_attempts: Quantity = quantity(2.0, "1", "number of relapses until the controller gives up", at_least=0)
+    speed_limit_factor: OptionalQuantity = quantity(
+        None, "1", "top speed above which the torque is reduced, as a multiple of the set-point; no limit unless given", above=1
+    )
+    min_speed_limit: Quantity = quantity(0.0, "rad/s", "top speed below which the torque is never reduced", at_least=0)
+    weight_relief: OptionalQuantity = quantity(None, "1", "fraction of the weight that is removed; none unless given", above=0, at_most=1)
+    unload_rate: Quantity = quantity(0.05, "1/s", "rate at which weight is removed, as a fraction of the weight", above=0)
+    reload_rate: Quantity = quantity(0.01, "1/s", "rate at which the weight returns, as a fraction of the weight", above=0)
+    weight: OptionalQuantity = quantity(None, "N", "weight without relief, default of `weight.reference`; filled in by design", at_least=0)
     string_period: OptionalQuantity = quantity(
         None, "s", "period of the string below a drive that does not swing; filled in by design", above=0
     )

@@ -30,6 +30,7 @@ class LinearMPC(Predictive):
       assumed constant over the horizon.
     - (x_s, u_s) is the steady state at `reference` under the estimated T. A constant unknown torque therefore leaves no
       steady error.
+    - Q weights the squared deviations of top speed and bit speed, in units of `top_speed_scale` and `bit_speed_scale`.
     - P is the solution of the Riccati equation, the cost after the horizon. Without active limits the controller equals
       the regulator of this equation.
 
@@ -39,6 +40,9 @@ class LinearMPC(Predictive):
     A. A larger value makes the filter faster and passes noise to the bit, which destabilises it at low speed. A smaller
     value makes the filter late at the release of a stuck bit.
 
+    Limits, sensors, delay and the fallback to a soft drive are described in the base class
+    `controllers.predictive.Predictive`. Sampled only, with the sample time `period`.
+
     A stuck bit cannot trap the controller: the estimate of T follows the torque of the string, and the plan winds the
     string up further.
 
@@ -47,7 +51,7 @@ class LinearMPC(Predictive):
     """
 
     torque_process_noise: Quantity = quantity(
-        400.0, "N m s^-1/2", "wandering in a second of the bit torque beyond the slope of the rock", above=0
+        400.0, "N m s^-1/2", "standard deviation of the change of T, the bit torque beyond the slope of the rock, in one second", above=0
     )
 
     def design(self, plant: HybridSystem) -> PlannedLinear:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from controllers.lqr import LQR
 from controllers.observers import Kalman
-from controllers.on_estimates import OnEstimates
+from controllers.on_estimates import StringObserverController
 from toolbox import Quantity, quantity
 
 
@@ -14,7 +14,7 @@ from toolbox import Quantity, quantity
 class LQG(LQR):
     """LQG control of the top drive: the state feedback of `LQR` on states that a Kalman filter estimates from the top speed.
 
-    `design` returns `OnEstimates(LQR, Kalman)`. The estimates are recorded as `estimate.bit.speed`,
+    `design` returns `StringObserverController(LQR, Kalman)`. The estimates are recorded as `estimate.bit.speed`,
     `estimate.bit.torque` and so on. `delay_samples` is the number of samples by which commands reach the drive later.
 
     Without rock and torque limits the poles of the loop are the poles of the regulator and the poles of the filter
@@ -39,9 +39,11 @@ class LQG(LQR):
 
     delay_samples: int = 0
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
-    period: Quantity = quantity(0.01, "s", "sample time of that noise", above=0)
-    torque_process_noise: Quantity = quantity(2000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
-    drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
+    period: Quantity = quantity(0.01, "s", "sample time of the measurement noise", above=0)
+    torque_process_noise: Quantity = quantity(
+        2000.0, "N m s^-0.5", "standard deviation of the change of the bit torque in one second", above=0
+    )
+    drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "intensity of the white noise of the drive torque", at_least=0)
 
     def design(self, plant):
         """Return the regulator on the estimates of the Kalman filter, both designed on the plant."""
@@ -56,4 +58,4 @@ class LQG(LQR):
             torque_process_noise=self.torque_process_noise,
             drive_process_noise=self.drive_process_noise,
         )
-        return OnEstimates(regulator, observer, delay_samples=self.delay_samples).design(plant)
+        return StringObserverController(regulator, observer, delay_samples=self.delay_samples).design(plant)

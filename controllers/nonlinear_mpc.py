@@ -59,27 +59,36 @@ class NonlinearMPC(Predictive):
     - At rest it follows from the largest torque that the rock has held, increased by the fraction
       `holding_torque_margin`.
 
+    Limits, sensors, delay and the fallback to a soft drive are described in the base class
+    `controllers.predictive.Predictive`. Sampled only, with the sample time `period`.
+
     Range of validity: horizons of a few seconds. Much longer plans have local minima in which the bit sticks.
 
     Source: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736 (the iteration).
     """
 
-    drive_process_noise: Quantity = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
-    drive_torque_error: Quantity = quantity(0.2, "1", "error of the drive's inertia or torque, as a part of it", at_least=0)
+    drive_process_noise: Quantity = quantity(50.0, "N m s^1/2", "intensity of the white noise of the drive torque", at_least=0)
+    drive_torque_error: Quantity = quantity(0.2, "1", "relative error of the inertia or torque of the drive", at_least=0)
     width: OptionalQuantity = quantity(None, "rad/s", "width of regularised friction", above=0)
     match_static_peak: bool = True
     adapt_rock_strength: bool = True
     iterations: int = 1
-    steps: int = 4
+    integration_steps: int = 4
     standstill_speed: Quantity = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
-    rock_strength_time: Quantity = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
-    strength_process_noise: Quantity = quantity(0.005, "s^-1/2", "wandering of the strength of the rock in a second", above=0)
-    min_bit_speed_factor: Quantity = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
-    holding_torque_margin: Quantity = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
+    rock_strength_time: Quantity = quantity(
+        1.0, "s", "time constant with which the estimate follows the strength of a sliding rock", above=0
+    )
+    strength_process_noise: Quantity = quantity(
+        0.005, "s^-1/2", "standard deviation of the change of the rock strength in one second", above=0
+    )
+    min_bit_speed_factor: Quantity = quantity(0.4, "1", "lowest speed of a turning bit, as a fraction of the set-point", at_least=0)
+    holding_torque_margin: Quantity = quantity(
+        0.02, "1", "assumed strength of the rock at rest above the largest torque that it has held, as a fraction of this torque", above=0
+    )
 
     def check(self):
         super().check()
-        for name in ("iterations", "steps"):
+        for name in ("iterations", "integration_steps"):
             whole(name, getattr(self, name), 1)
         if not self.soft_limits:
             raise SceneError("Argument `soft` must be True for a nonlinear law: its limits of speed and twist give way where they must.")
@@ -113,7 +122,7 @@ class PlannedNonlinear(PredictiveLaw):
         free = string_model(plant).A
         self.target = np.array([np.append(*steady(free, model, *on)) for on in ((1.0, 0.0), (0.0, 1.0))]).T
         self.place = int(np.flatnonzero(model.bit)[0])
-        steps = law.steps
+        steps = law.integration_steps
         if law.width is not None:
             # a Runge-Kutta step of order four is stable up to 2.78 over the steepest slope of the regularised rock
             steepest = 1.3 * self.torques_of_rock[0] / law.width * float(model.E @ model.bit)

@@ -8,35 +8,35 @@ from typing import ClassVar
 from controllers.bumpless import acting, begun
 from controllers.observers.linear import StringObserver
 from toolbox import SceneError, Update, state
-from toolbox.modelling import Observed, Observer
+from toolbox.modelling import Observer, ObserverBasedController
 
 
 @dataclass(frozen=True)
-class OnEstimates(Observed):
+class StringObserverController(ObserverBasedController):
     """Controller of the top drive on the estimates of a `StringObserver`, with delay compensation and a bumpless start.
 
-    It is `toolbox.modelling.Observed` with two additions:
+    It is `toolbox.modelling.ObserverBasedController` with two additions:
 
     - Delay compensation (Smith predictor). If commands reach the plant `delay_samples` samples later, the estimates are
       predicted to that time with the commands that are still delayed. The controller then acts on the state of the
       string when its command arrives. Its own loop has no delay, apart from model errors. The recorded estimates are
       the predicted ones.
     - Bumpless start. At its first sample the observer begins with steady rotation at the measured speed under the
-      present torque. The delayed commands begin at this torque. `Observed` would begin with a stuck bit and an
-      untwisted string, and this disturbs the drive for some seconds. A string at rest starts as with `Observed` (see
+      present torque. The delayed commands begin at this torque. `ObserverBasedController` would begin with a stuck bit and an
+      untwisted string, and this disturbs the drive for some seconds. A string at rest starts as with `ObserverBasedController` (see
       `controllers.bumpless`).
 
-    With any other observer it acts like `Observed`.
+    With any other observer it acts like `ObserverBasedController`.
 
     Source: O. J. M. Smith, Chem. Eng. Progress 53 (1957) 217-219 (delay compensation).
 
     Examples
     --------
-    >>> from controllers import LQR, OnEstimates
+    >>> from controllers import LQR, StringObserverController
     >>> from controllers.observers import Kalman
     >>> from models import BitRock, wells
     >>> from toolbox import Sampled, compose, simulate
-    >>> drive = Sampled(OnEstimates(LQR(reference="60 rpm"), Kalman(), delay_samples=3), "10 ms", delay="30 ms")
+    >>> drive = Sampled(StringObserverController(LQR(reference="60 rpm"), Kalman(), delay_samples=3), "10 ms", delay="30 ms")
     >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="60 kN")), "60 s", controller=drive)
     >>> print(f"{run['estimate.bit.speed'][-1]:.2f} rad/s estimated, {run['bit.speed'][-1]:.2f} rad/s")
     6.28 rad/s estimated, 6.28 rad/s
@@ -45,7 +45,7 @@ class OnEstimates(Observed):
     def sampled(self, signal, period):
         if not isinstance(self.observer, StringObserver):
             return super().sampled(signal, period)
-        update = Observed(self.law, Ahead(self.observer, self.delay_samples)).sampled(signal, period)
+        update = ObserverBasedController(self.law, Ahead(self.observer, self.delay_samples)).sampled(signal, period)
         if self.observer.initial_state_map is None:
             return update
         torque = acting(signal)

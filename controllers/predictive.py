@@ -24,44 +24,60 @@ MOST_LATE = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class Predictive(TorqueLimits):
-    """A law that plans the torques of `horizon` samples, applies the first one and plans again.
+    """Base class of predictive controllers of the top drive: plan the torques of `horizon` samples, apply the first one, and plan again.
 
-    It minimises, over the plan, squares of deviations in units of their sizes (Bryson): top speed and bit speed from `reference`, torque from the steady
-    torque, torque from one sample to the next; with the Riccati solution as cost of what comes after the horizon. Limits of torque and of its rate
-    are kept exactly. Limits of speed and twist hold for the predicted string and, with `soft_limits`, give way where they must, at a cost per unit that
-    no other gain can outweigh (`violation_cost`); without `soft_limits` they may leave no answer.
+    The cost of a plan is a sum of squared deviations, each in units of its scale (Bryson's rule): top speed and bit
+    speed from the set-point, torque from the steady torque, and torque from one sample to the next. The Riccati
+    solution is the cost after the horizon.
 
-    measures: `sensors`, with their noise; from these a stationary Kalman filter estimates the states and the torque of the rock, so that a
-    constant torque that the model does not know leaves no error. The field `reference` is the point of the design and the default of the signal
-    `top.reference` [rad/s], whose present value every plan holds for its whole horizon. delay: how long after its sample a command reaches the plant, as the
-    law knows it; it may exceed the period.
+    Limits:
 
-    drive_process_noise stands for what the law does not know of its drive: with an inertia 20 % off, commands that move by some kN m accelerate the top by
-    a few hundred N m more or less than the filter expects, for a second or so. A filter that trusts the drive (50 N m s^1/2) reads this as motion of
-    the bit, and the motor swings between its limits with the bit parked. `torque_step_scale` keeps the plan slower than that filter.
+    - Limits of torque and torque rate are kept exactly.
+    - Limits of speed and twist hold for the predicted string. With `soft_limits` they may be exceeded at a cost per
+      unit (`violation_cost`) that no other gain can outweigh. Without `soft_limits` the program may have no solution.
 
-    Every answer of the solver must pass the KKT conditions. Where none does, or where `controllers.watchdog` finds that the string stands or that the
-    motor swings between its limits for longer than `fallback_time`, an impedance drive acts, from the torque that was. `run.laws[0].record` tells when and
-    why, and how long each sample took. Sampled only, at `period`.
+    Estimation:
+
+    - A stationary Kalman filter estimates the states of the string and the torque of the rock from the `sensors` with
+      their noise. A constant unknown torque therefore leaves no steady error.
+    - `drive_process_noise` represents unknown properties of the drive. Example: with an inertia that is 20 % wrong,
+      commands that change by some kN m accelerate the top by a few hundred N m more or less than expected, for about a
+      second. A filter with a small value (50 N m s^1/2) interprets this as motion of the bit, and the motor then swings
+      between its limits while the bit is parked. `torque_step_scale` keeps the plan slower than the filter.
+
+    Signals and timing:
+
+    - The field `reference` is the operating point of the design and the default of the signal `top.reference` [rad/s].
+      Every plan keeps its present value for the whole horizon.
+    - `delay` is the time from a sample until its command reaches the plant. It may exceed the period.
+
+    Fallback: every solution must satisfy the KKT conditions. An impedance drive takes over from the present torque if
+    no solution does, or if `controllers.watchdog` finds that the string stands, or that the motor swings between its
+    limits, for longer than `fallback_time`. `run.controllers[0].record` holds times and reasons of fallbacks and the
+    computing time of each sample.
+
+    Sampled only, with the sample time `period`.
     """
 
     sensors: tuple[str, ...] = ("top.speed",)
-    sensor_noise: Quantities = quantity((0.01,), "1", "standard deviations of what the sensors measure, in their units", above=0)
+    sensor_noise: Quantities = quantity((0.01,), "1", "standard deviations of the measurement noise, in the units of the sensors", above=0)
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
     period: Quantity = quantity(0.1, "s", "sample time", above=0, typical_range=(1e-4, 5.0))
     delay: Quantity = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     horizon: int = 40
-    top_speed_scale: Quantity = quantity(8.0, "rad/s", "deviation of the top speed that counts", above=0)
-    bit_speed_scale: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
-    torque_scale: Quantity = quantity(20_000.0, "N m", "deviation of the torque that counts", above=0)
-    torque_step_scale: Quantity = quantity(20_000.0, "N m", "change of the torque within a period that counts", above=0)
+    top_speed_scale: Quantity = quantity(8.0, "rad/s", "scale of the deviation of the top speed in the cost", above=0)
+    bit_speed_scale: Quantity = quantity(2.0, "rad/s", "scale of the deviation of the bit speed in the cost", above=0)
+    torque_scale: Quantity = quantity(20_000.0, "N m", "scale of the deviation of the torque in the cost", above=0)
+    torque_step_scale: Quantity = quantity(20_000.0, "N m", "scale of the change of the torque per sample in the cost", above=0)
     highest_speed: OptionalQuantity = quantity(None, "rad/s", "highest top speed", above=0, typical_range=(0.05, 40.0))
-    highest_twist: OptionalQuantity = quantity(None, "rad", "highest twist of the string, either way", above=0)
+    highest_twist: OptionalQuantity = quantity(None, "rad", "highest twist of the string in both directions", above=0)
     soft_limits: bool = True
-    violation_cost: Quantity = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
-    torque_process_noise: Quantity = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
+    violation_cost: Quantity = quantity(1e3, "1", "cost of exceeding a limit of speed or twist by one scale", above=0)
+    torque_process_noise: Quantity = quantity(
+        2000.0, "N m s^-1/2", "standard deviation of the change of the bit torque in one second", above=0
+    )
     drive_process_noise: Quantity = quantity(
-        400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0
+        400.0, "N m s^1/2", "intensity of the white noise that represents errors of torque and inertia of the drive", at_least=0
     )
     fallback_time: Quantity = quantity(
         5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0
@@ -73,7 +89,7 @@ class Predictive(TorqueLimits):
 
     @property
     def measured_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What the law measures: its sensors."""
+        """Names of the measured signals: the sensors."""
         return self.sensors
 
     def check(self):

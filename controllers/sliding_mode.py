@@ -33,15 +33,19 @@ MOST_LATE = 100
 
 @dataclass(frozen=True)
 class SlidingSurface(TorqueLimits):
-    """What both forms share: the surface, the equivalent control and the numbers in them; use one of the two below.
+    """Base class of the sliding-mode controllers of the top drive: the surface, the equivalent control and their numbers.
 
-    `inertia` J_r and `drag` c_r of the top drive are read from the plant (`chain.inertia`, `chain.top_drag`) unless given. Where torque limits are
-    known, the integral takes up what the drive cannot give, (wanted - command) / (J_r lam), so that s moves as if it had been given. Sampled, the integral
-    begins where the law gives the torque that acts (`controllers.bumpless`), at 0 where none does.
+    The inertia J_r and the viscous drag c_r of the top drive are read from the plant (`chain.inertia`,
+    `chain.top_drag`) if they are not given.
 
-    late: number of samples by which commands reach the drive later (sampled only). The law then acts on the top speed at the instant at which its command
-    arrives, J_r w' = u - c_r w - tau under the commands on their way and the present torque of the string. On the estimates of `OnEstimates`, which look
-    ahead by themselves, it stays 0.
+    - Torque limits: if they are given, the term (wanted - command) / (J_r lam) is added to the rate of the integral. s
+      then moves as if the torque had been applied (anti-windup).
+    - Start: in the sampled form the integral is initialised so that the first command equals the present torque
+      (bumpless start, `controllers.bumpless`). It begins at 0 if there is no present torque.
+    - `delay_samples`: number of samples by which commands reach the drive later (sampled only). The controller then
+      uses the predicted top speed at the arrival of its command, from J_r w' = u - c_r w - tau with the delayed
+      commands and the present torque tau of the string. With an observer that predicts by itself (delay compensation)
+      it must stay 0.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load")

@@ -36,7 +36,7 @@ class SoftTorque(TorqueLimits):
     """
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", typical_range=(0.05, 40.0))
-    detuning: Quantity = quantity(1.0, "1", "factor by which the gains are lowered", above=0)
+    detuning: Quantity = quantity(1.0, "1", "factor by which the gains are divided", above=0)
 
     @staticmethod
     def for_string(string_impedance: float, inertia: float, frequency: float, reference: float = 8.0, **limits: Any) -> PI:

@@ -48,7 +48,9 @@ class SuperTwisting(SlidingSurface):
         m2, drag 425 N m s/rad, disturbance_rate 4 rad/s3
     """
 
-    disturbance_rate: Quantity = quantity(4.0, "rad/s3", "bound L on the rate of what the equivalent control lacks", above=0)
+    disturbance_rate: Quantity = quantity(
+        4.0, "rad/s3", "bound L on the rate of the acceleration missing in the equivalent control", above=0
+    )
 
     def sampled(self, signal, period):
         angle, v = state("slidingmode.angle", "rad"), state("slidingmode.acceleration", "rad/s2")

@@ -14,15 +14,18 @@ from toolbox.modelling import OptionalQuantity
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueLimits(Controller):
-    """A law that commands no torque and no rate of torque beyond what the drive can do; None is no limit.
+    """Base class of controllers that know the limits of torque and torque rate of the drive. None means no limit.
 
         u = clip(wanted, lowest_torque, highest_torque),   sampled also |u_k - u_(k-1)| <= torque_rate period
 
-    `limited` gives the command; a law with an integral feeds command - wanted back to it, so that it does not wind up (back-calculation: K. J.
-    Åström, T. Hägglund, Advanced PID Control, ISA 2006, section 3.5). A rate can be kept by sampled laws only.
+    A controller with an integral feeds command - wanted back to the integral, so that it does not wind up (anti-windup
+    by back-calculation). A limit of the rate is possible only for sampled controllers.
 
-    Sampled, the tracking time in which the integral follows is never shorter than the period T: the excess wanted - command is multiplied by
-    1 - T / max(T_t, T) from sample to sample, which is between 0 and 1. With 1 - T / T_t it would grow without bound where T > 2 T_t.
+    In the sampled form the time constant of the anti-windup is never shorter than the period T: the excess wanted -
+    command is multiplied by 1 - T / max(T_t, T) from sample to sample, which is between 0 and 1. With 1 - T / T_t it
+    would grow without bound for T > 2 T_t.
+
+    Source: K. J. Åström, T. Hägglund, Advanced PID Control, ISA 2006, section 3.5 (back-calculation).
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)

@@ -63,7 +63,7 @@ class ZTorque(TorqueLimits):
     integral: OptionalQuantity = quantity(None, "N m/rad", "gain I", at_least=0)
     inertia: OptionalQuantity = quantity(None, "kg m2", "inertia J_c that is compensated", at_least=0, typical_range=(1e-3, math.inf))
     filter_time: Quantity = quantity(0.05, "s", "time constant T_f of the acceleration's filter", above=0)
-    back_calculation: Quantity = quantity(500.0, "N m s/rad", "torque per rate by which z is led back where the command is cut", above=0)
+    back_calculation: Quantity = quantity(500.0, "N m s/rad", "gain of the anti-windup of z, torque per rate", above=0)
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", typical_range=(0.05, 40.0))
 
     @classmethod

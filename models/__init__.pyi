@@ -11,7 +11,7 @@ from .belt import Absorber as Absorber
 from .belt import Block as Block
 from .belt import BlockOnBelt as BlockOnBelt
 from .belt import BlocksOnBelt as BlocksOnBelt
-from .belt import Guide as Guide
+from .belt import GuideContact as GuideContact
 from .bit_rock import BitRock as BitRock
 from .brake_actuator import BrakeActuator as BrakeActuator
 from .bristle_contact import BristleContact as BristleContact
@@ -44,13 +44,13 @@ from .flow_line import FlowLine as FlowLine
 from .flow_line import OutletRCR as OutletRCR
 from .friction import Coulomb as Coulomb
 from .friction import CubicStribeck as CubicStribeck
-from .friction import Drop as Drop
 from .friction import Exponential as Exponential
 from .friction import GaussianStribeck as GaussianStribeck
 from .friction import Hyperbolic as Hyperbolic
 from .friction import RationalStribeck as RationalStribeck
+from .friction import SmoothStepFriction as SmoothStepFriction
+from .friction import StepFriction as StepFriction
 from .friction import Tabulated as Tabulated
-from .friction import Transition as Transition
 from .friction import TwoWay as TwoWay
 from .friction import Viscous as Viscous
 from .gear_stage import GearStage as GearStage

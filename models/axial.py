@@ -53,7 +53,7 @@ class AxialChain(Component):
     stiffness: Quantities = quantity((4e6,), "N/m", "stiffness of the hoisting lines, if any, then between neighbours", at_least=0)
     damping: Quantities = quantity((4e4,), "N s/m", "damping beside every stiffness", at_least=0)
     drag: Quantity = quantity(0.0, "1/s", "viscous drag per mass", at_least=0)
-    gravity: Quantity = quantity(9.81, "m/s2", "gravity, less buoyancy where that counts", at_least=0)
+    gravity: Quantity = quantity(9.81, "m/s2", "gravity, minus buoyancy if this matters", at_least=0)
     hook_load: OptionalQuantity = quantity(
         None, "N", "imposed load on the hook; none behind hoisting lines", at_least=0, typical_range=(500.0, 1e8)
     )

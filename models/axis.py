@@ -19,17 +19,17 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, qu
 
 def _moved(signal, part, length):
     """The equations of a body with friction. length: unit of its position."""
-    (speed, force), body = part.units, getattr(part, part.body)
-    x, v = state(f"{part.prefix}.{part.place}", length), state(f"{part.prefix}.speed", speed)
-    drive = signal(f"{part.prefix}.{part.force}", force, default=0.0)
+    (speed, force), body, offset = part.units, getattr(part, part.body_field), getattr(part, part.offset_field)
+    x, v = state(f"{part.signal_prefix}.{part.position_name}", length), state(f"{part.signal_prefix}.speed", speed)
+    drive = signal(f"{part.signal_prefix}.{part.force_name}", force, default=0.0)
     load = 1.0
-    if part.loaded:
-        load = 1.0 + part.load_share * ca.fabs(signal(f"{part.prefix}.load", force, default=0.0))
-    rub = DryFriction(part.contact, v, part.friction, load, slip_unit=speed, force_unit=force)
-    flow = {x: v, v: (drive - part.offset + rub.force) / body}
-    gives = {f"{part.prefix}.resistance": (part.offset - rub.force, force)}
-    if part.filtered:
-        y = state(f"{part.prefix}.filtered_speed", speed)
+    if part.has_load:
+        load = 1.0 + part.load_sensitivity * ca.fabs(signal(f"{part.signal_prefix}.load", force, default=0.0))
+    rub = DryFriction(part.contact_name, v, part.friction, load, slip_unit=speed, force_unit=force)
+    flow = {x: v, v: (drive - offset + rub.force) / body}
+    gives = {f"{part.signal_prefix}.resistance": (offset - rub.force, force)}
+    if part.has_speed_filter:
+        y = state(f"{part.signal_prefix}.filtered_speed", speed)
         flow[y] = (v - y) / part.filter_time
     return Equations(
         flow=flow,
@@ -37,7 +37,7 @@ def _moved(signal, part, length):
         elements=[rub],
         stored=body * v**2 / 2,
         losses={"friction": -rub.force * v},
-        supplies={"force": drive * v, "offset": -part.offset * v},
+        supplies={"force": drive * v, "offset": -offset * v},
     )
 
 
@@ -50,10 +50,10 @@ class Axis(Component):
     F is the force, F_0 a constant force (an offset of the sensor or the amplifier, or a weight) and R the friction.
     `identify` uses this plant for recordings in m and N.
 
-    - Needs the signal `axis.force` F [N] (default 0). If the axis is `loaded`, it also needs `axis.load` P [N] (default
+    - Needs the signal `axis.force` F [N] (default 0). If `has_load` is True, the axis also needs `axis.load` P [N] (default
       0), and R is multiplied by 1 + q |P|.
     - Gives the signals `axis.position` [m], `axis.speed` v [m/s] and `axis.resistance` [N], the force R + F_0 at steady
-      speed. If the axis is `filtered`, it also gives `axis.filtered_speed` [m/s], the speed after the filter of a
+      speed. If `has_speed_filter` is True, it also gives `axis.filtered_speed` [m/s], the speed after the filter of a
       recorder.
     - Contact: `rail`.
 
@@ -67,14 +67,15 @@ class Axis(Component):
     HybridSystem(Axis): 2 states (axis.position, axis.speed); contacts: rail; inputs: axis.force [N]
     """
 
-    mass: Quantity = quantity(1.0, "kg", "mass that moves", above=0)
-    offset: Quantity = quantity(0.0, "N", "constant force against positive motion")
-    load_share: Quantity = quantity(0.0, "1/N", "part by which friction grows for each N of load", at_least=0)
+    mass: Quantity = quantity(1.0, "kg", "moving mass", above=0)
+    force_offset: Quantity = quantity(0.0, "N", "constant force against positive motion")
+    load_sensitivity: Quantity = quantity(0.0, "1/N", "relative increase of friction per N of load", at_least=0)
     filter_time: Quantity = quantity(0.01, "s", "time constant of the filter of the measured speed", above=0)
     friction: FrictionLaw = Viscous(Coulomb(1.0, 1.0), 1.0)
-    loaded: bool = False
-    filtered: bool = False
-    prefix, contact, body, place, force, units = "axis", "rail", "mass", "position", "force", ("m/s", "N")
+    has_load: bool = False
+    has_speed_filter: bool = False
+    signal_prefix, contact_name, position_name, force_name, units = "axis", "rail", "position", "force", ("m/s", "N")
+    body_field, offset_field = "mass", "force_offset"
 
     def equations(self, signal):
         return _moved(signal, self, "m")
@@ -86,10 +87,10 @@ class Joint(Component):
 
     It has the equation of `Axis` with torques and angles. `identify` uses this plant for recordings in rad and N m.
 
-    - Needs the signal `joint.torque` [N m] (default 0). If the joint is `loaded`, it also needs `joint.load` [N m]
+    - Needs the signal `joint.torque` [N m] (default 0). If `has_load` is True, the joint also needs `joint.load` [N m]
       (default 0).
     - Gives the signals `joint.angle` [rad], `joint.speed` [rad/s] and `joint.resistance` [N m], the torque at steady
-      speed. If the joint is `filtered`, it also gives `joint.filtered_speed` [rad/s], the speed after the filter of a
+      speed. If `has_speed_filter` is True, it also gives `joint.filtered_speed` [rad/s], the speed after the filter of a
       recorder.
     - Contact: `bearing`.
 
@@ -103,14 +104,15 @@ class Joint(Component):
     HybridSystem(Joint): 2 states (joint.angle, joint.speed); contacts: bearing; inputs: joint.torque [N m]
     """
 
-    inertia: Quantity = quantity(0.1, "kg m2", "inertia that turns", above=0)
-    offset: Quantity = quantity(0.0, "N m", "constant torque against positive motion")
-    load_share: Quantity = quantity(0.0, "1/(N m)", "part by which friction grows for each N m of load", at_least=0)
+    inertia: Quantity = quantity(0.1, "kg m2", "rotating inertia", above=0)
+    torque_offset: Quantity = quantity(0.0, "N m", "constant torque against positive motion")
+    load_sensitivity: Quantity = quantity(0.0, "1/(N m)", "relative increase of friction per N m of load", at_least=0)
     filter_time: Quantity = quantity(0.01, "s", "time constant of the filter of the measured speed", above=0)
     friction: FrictionLaw = Viscous(Coulomb(0.1, 0.1), 0.1)
-    loaded: bool = False
-    filtered: bool = False
-    prefix, contact, body, place, force, units = "joint", "bearing", "inertia", "angle", "torque", ("rad/s", "N m")
+    has_load: bool = False
+    has_speed_filter: bool = False
+    signal_prefix, contact_name, position_name, force_name, units = "joint", "bearing", "angle", "torque", ("rad/s", "N m")
+    body_field, offset_field = "inertia", "torque_offset"
 
     def equations(self, signal):
         return _moved(signal, self, "rad")

@@ -35,7 +35,7 @@ class BacklashDrive(Component):
 
     driving_mass: Quantity = quantity(1.0, "kg", "mass of the driving body", above=0)
     driven_mass: Quantity = quantity(2.0, "kg", "mass of the driven body", above=0)
-    play: Quantity = quantity(0.05, "m", "way from the middle to either side of the play", above=0)
+    play: Quantity = quantity(0.05, "m", "distance from the middle to each side of the play", above=0)
     restitution: Quantity = quantity(0.4, "1", "restitution", at_least=0, at_most=1)
     driving_friction: FrictionLaw = Coulomb(0.5, 0.4)
     driven_friction: FrictionLaw = Coulomb(0.8, 0.6)

@@ -58,7 +58,7 @@ class OscillatorOnBar(Component):
     modulus: Quantity = quantity(3e9, "Pa", "modulus E of the bar", above=0, typical_range=(1e5, 1e13))
     density: Quantity = quantity(1200.0, "kg/m3", "density rho of the bar", above=0, typical_range=(10.0, 30_000.0))
     loss: Quantity = quantity(0.02, "1", "damping ratio zeta of every mode", at_least=0)
-    contact_position: Quantity = quantity(0.4, "1", "place of the contact in parts of the length", above=0, at_most=1)
+    contact_position: Quantity = quantity(0.4, "1", "position of the contact as a fraction of the length", above=0, at_most=1)
     friction: FrictionLaw = Exponential(static=0.4, kinetic=0.25, decay=10.0)
     modes: int = 3
 

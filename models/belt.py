@@ -74,7 +74,7 @@ class BlockOnBelt(Component):
     damping: Quantity = quantity(0.0, "N s/m", "viscous damping to ground", at_least=0)
     drag: Quantity = quantity(0.0, "N s/m", "viscous drag between block and belt", at_least=0)
     belt_speed: Quantity = quantity(0.2, "m/s", "speed of the belt", source="Leine et al. (1998)")
-    load: Quantity = quantity(1.0, "N", "normal load; 1 where the law is a force", at_least=0)
+    load: Quantity = quantity(1.0, "N", "normal load; 1 if the friction law is a force", at_least=0)
     friction: FrictionLaw = Hyperbolic(static=1.0, decay=3.0)
 
     def equations(self, signal):
@@ -95,7 +95,7 @@ class BlockOnBelt(Component):
 
 
 @dataclass(frozen=True)
-class Guide(Component):
+class GuideContact(Component):
     """Second friction surface on a block: a guide, a seal, or a slide with bristles. Its force on the block is a = F.
 
     F is dry friction with the slip speed v - v_belt.
@@ -114,13 +114,13 @@ class Guide(Component):
 
     Examples
     --------
-    >>> from models import Block, Guide
+    >>> from models import Block, GuideContact
     >>> from toolbox import compose
-    >>> print(compose(Block(), Guide()))
-    HybridSystem(Block, Guide): 2 states (block.position, block.speed); contacts: guide; inputs: block.force [N], guide.load [N]
+    >>> print(compose(Block(), GuideContact()))
+    HybridSystem(Block, GuideContact): 2 states (block.position, block.speed); contacts: guide; inputs: block.force [N], guide.load [N]
     """
 
-    load: Quantity = quantity(1.0, "N", "normal load; 1 where the law is a force", at_least=0)
+    load: Quantity = quantity(1.0, "N", "normal load; 1 if the friction law is a force", at_least=0)
     belt_speed: Quantity = quantity(0.0, "m/s", "speed of the surface")
     friction: FrictionLaw = Hyperbolic(static=1.0, decay=3.0)
 
@@ -163,7 +163,7 @@ class BlocksOnBelt(Component):
     stiffness: Quantities = quantity((1.0, 1.0), "N/m", "stiffness to ground of every block", at_least=0)
     damping: Quantities = quantity((0.0, 0.0), "N s/m", "viscous damping to ground of every block", at_least=0)
     tie: Quantities = quantity((0.5,), "N/m", "stiffness q between neighbours", at_least=0)
-    load: Quantities = quantity((1.0, 1.0), "N", "normal load of every block; 1 where the law is a force", at_least=0)
+    load: Quantities = quantity((1.0, 1.0), "N", "normal load of every block; 1 if the friction law is a force", at_least=0)
     belt_speed: Quantity = quantity(0.2, "m/s", "speed of the belt")
     friction: FrictionLaw = Hyperbolic(static=1.0, decay=3.0)
 

@@ -72,8 +72,9 @@ class BristleContact(Component):
 
         z_i' = v - v_plate - w_i ,   F = -sum k/n z_i ,   |k/n z_i| <= mu N share_i ,   w_i = 0 unless at the bound
 
-    z_i is the deflection and w_i the slip speed of bristle i. Under loading from rest F(x) = sum min(k x / n, mu N
-    share_i), and reversals follow Masing's rule.
+    z_i is the deflection and w_i the slip speed of bristle i. k is the stiffness of the whole row, N the load and
+    share_i the fraction of the load on bristle i. Under loading from rest F(x) = sum min(k x / n, mu N share_i), and
+    reversals follow Masing's rule.
 
     - Needs the signals `slider.speed` v [m/s] (default 0), `plate.speed` v_plate [m/s] (default 0), `plate.load` N [N]
       (default: the field).
@@ -103,7 +104,7 @@ class BristleContact(Component):
     """
 
     n: int = 16
-    shares: OptionalQuantities = quantity(None, "1", "parts of the load, one per bristle; none for a parabolic contact", above=0)
+    shares: OptionalQuantities = quantity(None, "1", "fractions of the load, one per bristle; None for a parabolic contact", above=0)
     load: Quantity = quantity(10.0, "N", "normal load", above=0)
     stiffness: Quantity = quantity(1e6, "N/m", "tangential stiffness of all bristles (assumed)", above=0)
     friction: Quantity = quantity(0.35, "1", "coefficient of friction", above=0)

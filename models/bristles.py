@@ -142,11 +142,13 @@ class Dankowicz(Bristle):
     [1.0, 1.0, 1.0]
     """
 
-    reach: Quantity = quantity(0.01, "m", "largest deflection z_m (rad for rotation)", above=0)
+    presliding_displacement: Quantity = quantity(0.01, "m", "largest deflection z_m (rad for rotation)", above=0)
     steady: FrictionLaw = Coulomb(static=1.0, kinetic=1.0)
 
     def evolution(self, slip, speed, load, memory):
         z = memory["deflection"]
-        return self.steady.sliding(speed) * z / self.reach, {"deflection": slip - speed * z / self.reach}
+        return self.steady.sliding(speed) * z / self.presliding_displacement, {
+            "deflection": slip - speed * z / self.presliding_displacement
+        }
 
     energies = FrictionLaw.energies

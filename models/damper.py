@@ -42,9 +42,9 @@ class FrictionDamper(Component):
     """
 
     stiffness: Quantity = quantity(1.0, "N/m", "stiffness k_d between block and slider", above=0)
-    damping: Quantity = quantity(0.02, "N s/m", "viscous damping c_d beside that spring", at_least=0)
+    damping: Quantity = quantity(0.02, "N s/m", "viscous damping c_d parallel to the spring", at_least=0)
     slider_mass: Quantity = quantity(1e-4, "kg", "mass m_d of the slider", above=0)
-    load: Quantity = quantity(1.0, "N", "normal load of the slider; 1 where the law is a force", at_least=0)
+    load: Quantity = quantity(1.0, "N", "normal load of the slider; 1 if the friction law is a force", at_least=0)
     friction: FrictionLaw = Coulomb(static=0.5, kinetic=0.5)
 
     def equations(self, signal):

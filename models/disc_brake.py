@@ -27,19 +27,27 @@ class DiscBrake(Component):
     - `lag`: a first-order lag between the command and N. `BrakeActuator` is an actuator with limits.
     - `wheel_radius` R: the speed of the car, R w, replaces the speed of the disc as a state. A stop then begins with
       `start={"disc.car_speed": "30 km/h"}`.
-    - `other_friction`: a separate friction law for the second pad, so that each pad carries the load N. Both pads are
+    - `second_pad_friction`: a separate friction law for the second pad, so that each pad carries the load N. Both pads are
       on one caliper.
     - `heat_capacity` C: the temperature h of the disc above the surroundings, C h' = F (r w - v) - cooling h. All
       friction is multiplied by max(1 - fade h, 0).
 
-    Signals:
+    Needs the signals
 
-    - Needs `brake.force` [N] (default: the field `force`), `brake.disturbance` [N] (default 0; use the input `sine` for
-      a harmonic disturbance), `disc.torque` T_drive [N m] (default 0), and `pad.attachment` a [N] (default 0), the
-      force of a part that is attached to the pads, for example an absorber or a shaker.
-    - Gives `disc.speed` w [rad/s], `pad.position` x [m], `pad.speed` v [m/s], `brake.torque` r F [N m]. With a lag also
-      `brake.normal_force` [N], with a wheel radius `disc.car_speed` [m/s], with a heat capacity `disc.warming` h [K].
-    - Contacts: `pad` and, with a second friction law, `other_pad`. They stick and break away together.
+    - `brake.force` [N] (default: the field `force`);
+    - `brake.disturbance` [N] (default 0; use the input `sine` for a harmonic disturbance);
+    - `disc.torque` T_drive [N m] (default 0);
+    - `pad.attachment` a [N] (default 0), the force of a part that is attached to the pads, such as an absorber or a
+      shaker.
+
+    Gives the signals
+
+    - `disc.speed` w [rad/s], `pad.position` x [m], `pad.speed` v [m/s], `brake.torque` r F [N m];
+    - with a lag `brake.normal_force` [N];
+    - with a wheel radius `disc.car_speed` [m/s];
+    - with a heat capacity `disc.warming` h [K].
+
+    Contacts: `pad` and, with a second friction law, `other_pad`. Both stick and break away together.
 
     Range of validity: groan at low speed (below about 3 rad/s for the default values). Squeal (see `SquealingPad`) and
     the heating of the pads are not modelled.
@@ -64,7 +72,7 @@ class DiscBrake(Component):
         36.0, "kg m2", "inertia I of disc, wheel and a quarter of the car", above=0, typical_range=(1e-3, math.inf)
     )
     radius: Quantity = quantity(0.12, "m", "effective radius r of the pads", above=0, typical_range=(0.01, 1.0))
-    pad_mass: Quantity = quantity(10.0, "kg", "mass m of pads, caliper and what swings with them", above=0)
+    pad_mass: Quantity = quantity(10.0, "kg", "mass m of pads, caliper and other parts that vibrate with them", above=0)
     stiffness: Quantity = quantity(1e6, "N/m", "tangential stiffness k that holds the caliper", at_least=0)
     damping: Quantity = quantity(200.0, "N s/m", "tangential damping c", at_least=0)
     force: Quantity = quantity(1000.0, "N", "normal force of one pad", at_least=0, typical_range=(1.0, 1e6))
@@ -73,10 +81,10 @@ class DiscBrake(Component):
     wheel_radius: OptionalQuantity = quantity(
         None, "m", "radius R of the tyre, which makes the speed of the car a state", above=0, typical_range=(0.05, 2.0)
     )
-    other_friction: FrictionLaw | None = None
+    second_pad_friction: FrictionLaw | None = None
     heat_capacity: OptionalQuantity = quantity(None, "J/K", "heat capacity C of the disc", above=0)
-    cooling: Quantity = quantity(20.0, "W/K", "heat that the disc loses per kelvin above the surroundings", at_least=0)
-    fade: Quantity = quantity(1e-3, "1/K", "part of its friction that a pad loses per kelvin", at_least=0)
+    cooling: Quantity = quantity(20.0, "W/K", "heat flow from the disc per kelvin above the surroundings", at_least=0)
+    fade: Quantity = quantity(1e-3, "1/K", "relative loss of friction per kelvin", at_least=0)
 
     def equations(self, signal):
         flow, gives = {}, {}
@@ -100,9 +108,9 @@ class DiscBrake(Component):
         if self.heat_capacity is not None:
             warming = state("disc.warming", "K")
             load = load * ca.fmax(1.0 - self.fade * warming, 0.0)
-        pads = [DryFriction("pad", slip, self.friction, 2 * load if self.other_friction is None else load)]
-        if self.other_friction is not None:
-            pads.append(DryFriction("other_pad", slip, self.other_friction, load))
+        pads = [DryFriction("pad", slip, self.friction, 2 * load if self.second_pad_friction is None else load)]
+        if self.second_pad_friction is not None:
+            pads.append(DryFriction("other_pad", slip, self.second_pad_friction, load))
         grip = -sum(pad.force for pad in pads)  # on the pads, along the rotation
         torque = self.radius * grip
         if self.heat_capacity is not None:

@@ -55,13 +55,13 @@ class DiskStack(Component):
     """
 
     rotors: int = 8
-    wheel_inertia: Quantity = quantity(320.0, "kg m2", "inertia of the wheel and what it carries", above=0)
+    wheel_inertia: Quantity = quantity(320.0, "kg m2", "inertia of the wheel and of the mass that it carries", above=0)
     rotor_inertia: Quantity = quantity(0.02, "kg m2", "inertia of a rotor", above=0)
     stator_inertia: Quantity = quantity(0.02, "kg m2", "inertia of a stator", above=0)
     rotor_stiffness: Quantity = quantity(20_000.0, "N m/rad", "stiffness of the keys between a rotor and the wheel", at_least=0)
     rotor_damping: Quantity = quantity(1.0, "N m s/rad", "damping of those keys", at_least=0)
     stator_stiffness: Quantity = quantity(2000.0, "N m/rad", "stiffness of the mount of a stator", at_least=0)
-    stator_damping: Quantity = quantity(3.0, "N m s/rad", "damping of that mount", at_least=0)
+    stator_damping: Quantity = quantity(3.0, "N m s/rad", "damping of the mount", at_least=0)
     rotor_mass: Quantity = quantity(2.0, "kg", "mass of a rotor", above=0)
     stator_mass: Quantity = quantity(2.0, "kg", "mass of a stator", above=0)
     contact_stiffness: Quantity = quantity(1e7, "N/m", "axial stiffness of an interface", above=0)
@@ -129,7 +129,7 @@ class DiskStack(Component):
             supplies={"torque": torque * wheel, "actuator": actuator * v[0]},
         )
 
-    def clamped(self, force: NumberOrText) -> np.ndarray:
+    def static_positions(self, force: NumberOrText) -> np.ndarray:
         """Return the axial positions of the disks at rest under another actuator force, for a start without axial motion.
 
         Every spring of the stack carries the force: z_j = (force - F_0) (1 / k_b + (2n - j) / k_c).

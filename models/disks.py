@@ -92,7 +92,7 @@ class TwoDisks(Component):
     with stick-slip cycles that begin near the period of the stator and end near three times this period.
 
     From start speeds up to 4 rad/s every cycle can be computed. From 6 rad/s on the motion of the stator decays to
-    round-off before its damping becomes negative. `run.error` is then of the order of 1.
+    round-off before its damping becomes negative. `run.error_estimate` is then of the order of 1.
 
     Examples
     --------

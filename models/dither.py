@@ -14,22 +14,31 @@ from toolbox.authoring import halved, number
 
 
 def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float:
-    """Compute the mean coefficient of friction of a contact whose slip is v + B sin t, (1 / 2 pi) int mu(v + B sin t) dt
-    over a period, with the sign of v.
+    """Compute the mean coefficient of friction of a contact under fast dither.
 
-    Dry friction whose slip changes direction in every period acts like viscous drag. Coulomb's law gives mu_k (2 /
-    pi) arcsin(v / B) for |v| < B and mu_k beyond; the bound at rest has no influence. Range: dither so fast that v
-    hardly changes in a period, and a contact that does not rest when the slip changes direction. The integral is
-    Gauss-Legendre quadrature between the changes of direction: exact to round-off for constant friction, with a
-    relative error below 1e-8 for decays up to about 30 / B, and below 1e-4 across the kinks of a table. Source:
-    textbook; J. J. Thomsen, A. Fidlin (2003).
+    The slip speed is v + B sin t. The result is the mean over a period, (1 / 2 pi) int mu(v + B sin t) dt, with the
+    sign of v.
+
+    Dry friction whose slip changes direction in every period acts like viscous drag. For Coulomb friction the result is
+    mu_k (2 / pi) arcsin(v / B) if |v| < B, else mu_k. The static friction has no influence.
+
+    Range of validity: the dither is so fast that v hardly changes in a period, and the contact does not rest when the
+    slip changes direction.
+
+    Accuracy: the integral is computed by Gauss-Legendre quadrature between the changes of direction.
+
+    - Constant friction: exact to round-off.
+    - Exponential decays up to about 30 / B: relative error below 1e-8.
+    - Tables with kinks: relative error below 1e-4.
+
+    Source: textbook; J. J. Thomsen, A. Fidlin (2003).
 
     Parameters
     ----------
     law
         The friction law.
     speed
-        Mean slip v.
+        Mean slip speed v.
     amplitude
         Velocity amplitude B >= 0 of the dither, in the unit of v.
 

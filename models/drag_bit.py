@@ -47,13 +47,16 @@ class DragBit(Component):
 
         T = eps a^2 d/2 + mu gamma (a/2) W_f,   W = zeta eps a d + W_f,   d = n q(1) on bottom, 0 off bottom
 
-    T is the torque, W the weight on bit and d the depth of cut per revolution. q is the height of the rock above the
-    blade tip between two blades: q(s) = height at the fraction s of the blade angle, q(1) at the face of the blade.
+    T is the torque, W the weight on bit and d the depth of cut per revolution. a is the radius of the bit, eps the
+    specific energy of the rock, mu the friction coefficient of the wear flats, gamma the geometry number of the bit,
+    zeta the ratio of axial to tangential cutting force, l the length of the wear flats and sigma the contact stress
+    under them. q is the height of the rock above the blade tip between two blades: q(s) = height at the fraction s of
+    the blade angle, q(1) at the face of the blade.
 
     Contacts:
 
     - `bit.axial`: the wear flats carry the weight W_f = l a sigma while the bit moves down, nothing while it moves up,
-      and any value between at rest. Below a depth of cut of `engagement` the wear flats carry a proportional part, so
+      and any value between at rest. Below a depth of cut of `engagement_depth` the wear flats carry a proportional part, so
       that the force does not jump at touchdown.
     - `bit`: both parts of the torque resist forward rotation. Only the wear flats resist backward rotation. At rest the
       bit holds any torque between these bounds.
@@ -64,7 +67,7 @@ class DragBit(Component):
     - Gives `bit.torque` T [N m], `bit.weight` W [N] and `bit.cut_depth` d [m], which is negative off bottom.
     - States: `bit.profile` q (nodes) [m].
 
-    With `prescribed` the speed of rotation is the input `bit.speed` (default 10 rad/s), which must not be negative.
+    With `has_prescribed_speed` the speed of rotation is the input `bit.speed` (default 10 rad/s), which must not be negative.
     There is then no contact `bit`.
 
     `nodes`: use eight nodes per axial oscillation between two blades. With too few nodes the bit may lift off for
@@ -72,7 +75,7 @@ class DragBit(Component):
 
     Source: T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007).
 
-    Assumptions: all numbers have the size of the numbers in the source. `engagement` and equal blades are assumptions.
+    Assumptions: all numbers have the size of the numbers in the source. `engagement_depth` and equal blades are assumptions.
     Backward rotation is not part of the source: here the rock ahead waits until the blades move forward again, and rock
     is not cut twice.
 
@@ -81,8 +84,8 @@ class DragBit(Component):
     acts like a spring and throws the bit up again, and higher. Treat a run with negative `bit.cut_depth` as a warning,
     not as a prediction.
 
-    At rest the string needs some torque. If it has none while the wear flats carry nothing, the friction bound of the
-    bit is zero.
+    A bit at rest needs some torque in the string. With zero torque, while the wear flats carry nothing, the bit is
+    exactly at the limit of the torque that it can hold.
 
     Examples
     --------
@@ -95,36 +98,36 @@ class DragBit(Component):
 
     radius: Quantity = quantity(0.108, "m", "radius a of the bit", above=0, typical_range=(0.01, 1.0))
     specific_energy: Quantity = quantity(60e6, "Pa", "energy eps per volume of rock cut", at_least=0, typical_range=(1e5, 1e10))
-    inclination: Quantity = quantity(0.6, "1", "ratio zeta of axial to tangential cutting force", at_least=0)
+    cutter_inclination: Quantity = quantity(0.6, "1", "ratio zeta of axial to tangential cutting force", at_least=0)
     friction: Quantity = quantity(0.6, "1", "coefficient mu of friction at the wear flats", at_least=0)
-    geometry: Quantity = quantity(1.0, "1", "bit geometry number gamma", at_least=0)
+    bit_geometry_number: Quantity = quantity(1.0, "1", "bit geometry number gamma", at_least=0)
     flat_length: Quantity = quantity(1.2e-3, "m", "length l of the wear flats of all blades", at_least=0, typical_range=(1e-5, 0.1))
     flat_stress: Quantity = quantity(60e6, "Pa", "contact stress sigma under the wear flats", at_least=0, typical_range=(1e5, 1e10))
-    engagement: Quantity = quantity(1e-5, "m", "depth of cut from which the wear flats carry in full (assumed)", above=0)
+    engagement_depth: Quantity = quantity(1e-5, "m", "depth of cut above which the wear flats carry their full load (assumed)", above=0)
     blades: int = 4
     nodes: int = 16
-    prescribed: bool = False
+    has_prescribed_speed: bool = False
 
     def check(self):
         for name in ("blades", "nodes"):
             whole(f"bit.{name}", getattr(self, name), 1)
 
     def equations(self, signal):
-        speed = signal("bit.speed", "rad/s", default=10.0) if self.prescribed else signal("bit.speed", "rad/s")
+        speed = signal("bit.speed", "rad/s", default=10.0) if self.has_prescribed_speed else signal("bit.speed", "rad/s")
         axial_speed = signal("bit.axial_speed", "m/s")
         profile = state("bit.profile", "m", self.nodes)
         depth = self.blades * profile[-1]
         cut = ca.fmax(depth, 0)
-        share = ca.fmin(cut / self.engagement, 1)
+        share = ca.fmin(cut / self.engagement_depth, 1)
         cutting_torque = self.specific_energy * self.radius**2 * cut / 2
 
         # a force between 0 and 2 b is b plus dry friction of bound b
         half = share * self.flat_length * self.radius * self.flat_stress / 2
         flats = DryFriction("bit.axial", axial_speed, Coulomb(1.0, 1.0), half)
         flat_weight = half - flats.force
-        flat_torque = self.friction * self.geometry * self.radius / 2 * flat_weight
+        flat_torque = self.friction * self.bit_geometry_number * self.radius / 2 * flat_weight
         turns = speed * self.blades / (2 * math.pi)
-        if self.prescribed:
+        if self.has_prescribed_speed:
             elements, torque, passing = [flats], cutting_torque + flat_torque, ca.fmax(turns, 0)
         else:
             bit = DryFriction("bit", speed, Coulomb(1.0, 1.0), cutting_torque / 2 + flat_torque, slip_unit="rad/s", force_unit="N m")
@@ -136,7 +139,7 @@ class DragBit(Component):
             flow={profile: axial_speed - passing * along},
             outputs={
                 "bit.torque": (torque, "N m"),
-                "bit.weight": (self.inclination * self.specific_energy * self.radius * cut + flat_weight, "N"),
+                "bit.weight": (self.cutter_inclination * self.specific_energy * self.radius * cut + flat_weight, "N"),
                 "bit.cut_depth": (depth, "m"),
             },
             elements=elements,

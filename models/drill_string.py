@@ -22,11 +22,17 @@ class TorsionalChain(Component):
     The states are twists instead of angles: n inertias have 2n-1 states, `chain.twist` (n-1) [rad] and `chain.speed`
     (n) [rad/s].
 
-    - Needs the signals `top.torque` [N m] (default 0) and `bit.torque` [N m] (default 0), positive against the
-      rotation.
-    - Gives the signals `top.speed` and `bit.speed` [rad/s], `top.load` [N m], the torque of the string on the top
-      inertia, `bit.free_acceleration` [rad/s2], the acceleration of the last inertia without the rock, and
-      `bit.inertia` [kg m2].
+    Needs the signals
+
+    - `top.torque` [N m] (default 0);
+    - `bit.torque` [N m] (default 0), positive against the rotation.
+
+    Gives the signals
+
+    - `top.speed` and `bit.speed` [rad/s];
+    - `top.load` [N m], the torque of the string on the top inertia;
+    - `bit.free_acceleration` [rad/s2], the acceleration of the last inertia without the rock;
+    - `bit.inertia` [kg m2].
 
     Options:
 
@@ -77,7 +83,7 @@ class TorsionalChain(Component):
             whole("chain.collar_index", self.collar_index, -n, n - 1)
 
     @property
-    def lumped(self) -> str:
+    def mode_summary(self) -> str:
         """Text with the number of inertias and the first torsional natural frequencies, without drive and rock."""
         k, n = np.array(self.stiffness, float), len(self.inertia)
         joints = np.diff(np.eye(n), axis=0)

@@ -41,7 +41,7 @@ class ElasticRock(Component):
     """
 
     stiffness: Quantity = quantity(1e8, "N/m", "stiffness k of the rock under the bit", above=0)
-    damping: Quantity = quantity(1e5, "N s/m", "damping c beside it", at_least=0)
+    damping: Quantity = quantity(1e5, "N s/m", "damping c parallel to the stiffness", at_least=0)
     lobe_height: OptionalQuantity = quantity(
         None, "m", "height a of the lobes above and below the mean surface", at_least=0, typical_range=(1e-6, 0.1)
     )

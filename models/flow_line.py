@@ -34,7 +34,7 @@ class FlowLine(Component):
     The loss of a nozzle at the end is part of the last K (`nozzle_loss`).
 
     `gel` adds the yield pressure F_i of a fluid that gels at rest: |F_i| <= load_i static at rest and load_i
-    sliding(|Q_i|) in flow. The contact of segment i is `line.i` (i from 0). load_i is `gel_load` [Pa] of the segment.
+    sliding(|Q_i|) in flow. The contact of segment i is `line.i` (i from 0). load_i is `gel_pressure` [Pa] of the segment.
     For a round pipe it is 4 tau l / d, from the balance of forces at the wall. The gel has its full strength again as
     soon as the flow stops. A single segment breaks at the full strength of the line. With many segments they break one
     after another from the pump on, at a lower pressure (see `studies/questions/networks.py`).
@@ -55,7 +55,7 @@ class FlowLine(Component):
     inertance: Quantities = quantity((1e8,), "Pa s2/m3", "inertance L of every segment", above=0)
     compliance: Quantities = quantity((1e-9,), "m3/Pa", "compliance C at the head of every segment", above=0)
     gel: FrictionLaw | None = None
-    gel_load: OptionalQuantities = quantity(None, "Pa", "load of the law `gel` in every segment", at_least=0)
+    gel_pressure: OptionalQuantities = quantity(None, "Pa", "load of the law `gel` in every segment", at_least=0)
 
     @staticmethod
     def pipe(
@@ -112,17 +112,17 @@ class FlowLine(Component):
             inertance=(density * part / area,) * segments,
             compliance=(area * part / bulk_modulus,) * segments,
             gel=gel,
-            gel_load=None if gel is None else (4 * part / diameter,) * segments,
+            gel_pressure=None if gel is None else (4 * part / diameter,) * segments,
         )
 
     def check(self):
         n = len(self.resistance)
         if n < 1:
             raise SceneError("Argument `line.resistance` must hold at least one segment, but it is empty.")
-        for name in ("loss", "inertance", "compliance", "gel_load"):
+        for name in ("loss", "inertance", "compliance", "gel_pressure"):
             entries(f"line.{name}", getattr(self, name), n, " like `line.resistance`")
-        if (self.gel is None) != (self.gel_load is None):
-            raise SceneError("Arguments `line.gel` and `line.gel_load` must be given together, but one is missing.")
+        if (self.gel is None) != (self.gel_pressure is None):
+            raise SceneError("Arguments `line.gel` and `line.gel_pressure` must be given together, but one is missing.")
 
     def equations(self, signal):
         n = len(self.resistance)
@@ -136,7 +136,8 @@ class FlowLine(Component):
         contacts = []
         if self.gel is not None:
             contacts = [
-                DryFriction(f"line.{i}", q[i], self.gel, load, slip_unit="m3/s", force_unit="Pa") for i, load in enumerate(self.gel_load)
+                DryFriction(f"line.{i}", q[i], self.gel, load, slip_unit="m3/s", force_unit="Pa")
+                for i, load in enumerate(self.gel_pressure)
             ]
             force = ca.vertcat(*[contact.force for contact in contacts])
             drop -= force
@@ -175,7 +176,7 @@ class OutletRCR(Component):
     """
 
     proximal: Quantity = quantity(1e6, "Pa s/m3", "resistance R_p before the capacitor", at_least=0)
-    distal: Quantity = quantity(1e7, "Pa s/m3", "resistance R_d after it", above=0)
+    distal: Quantity = quantity(1e7, "Pa s/m3", "resistance R_d after the capacitor", above=0)
     compliance: Quantity = quantity(1e-7, "m3/Pa", "compliance C", above=0)
 
     def equations(self, signal):

@@ -26,14 +26,14 @@ class _Static(FrictionLaw):
 
 
 class _Falling(_Static):
-    """A law that falls from its static coefficient to a lower one, the field of the name `lowest`."""
+    """A law that falls from its static coefficient to a lower one, the field that `_lowest` names."""
 
-    lowest: ClassVar[str] = "kinetic"
+    _lowest: ClassVar[str] = "kinetic"
 
     def check(self):
-        least = getattr(self, self.lowest)
+        least = getattr(self, self._lowest)
         if least > self.static:
-            raise SceneError(f"Argument `{self.lowest}` must be <= the static coefficient {self.static:g}, but it is {least!r}.")
+            raise SceneError(f"Argument `{self._lowest}` must be <= the static coefficient {self.static:g}, but it is {least!r}.")
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Exponential(_Falling):
 
 
 @dataclass(frozen=True)
-class Transition(_Falling):
+class SmoothStepFriction(_Falling):
     """Friction that falls smoothly around one speed: mu(v) = kinetic + (static - kinetic) exp(-(|v| / transition_speed)^4).
 
     It is a smooth substitute for a friction law that drops from static to kinetic at a speed w_c, as for a rotating
@@ -101,13 +101,15 @@ class Transition(_Falling):
 
     Examples
     --------
-    >>> from models import Transition
-    >>> law = Transition()
+    >>> from models import SmoothStepFriction
+    >>> law = SmoothStepFriction()
     >>> print([round(float(law.sliding(speed)), 3) for speed in (0.1, 1.0, 10.0)])
     [0.3, 0.281, 0.195]
     """
 
-    static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0, source="Aarsnes and Shor (2018)")
+    static: Quantity = quantity(
+        0.3, "1", "static coefficient, and coefficient below the drop", at_least=0, source="Aarsnes and Shor (2018)"
+    )
     kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0, source="Aarsnes and Shor (2018)")
     transition_speed: Quantity = quantity(
         1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)"
@@ -119,23 +121,25 @@ class Transition(_Falling):
 
 
 @dataclass(frozen=True)
-class Drop(_Falling):
+class StepFriction(_Falling):
     """Friction that drops at one slip speed: mu = static up to this speed, kinetic above it.
 
-    The drop is a break of the friction law and is located as an event. `Transition` is a similar law without a jump.
+    The drop is a break of the friction law and is located as an event. `SmoothStepFriction` is a similar law without a jump.
 
     Source: U. J. F. Aarsnes, R. J. Shor (2018), with static 0.3, kinetic 0.65 of static, and a speed of 1.5 rad/s.
 
     Examples
     --------
-    >>> from models import BlockOnBelt, Drop
+    >>> from models import BlockOnBelt, StepFriction
     >>> from toolbox import compose, measure, simulate
-    >>> run = simulate(compose(BlockOnBelt(friction=Drop(drop_speed=0.1))), "60 s")
+    >>> run = simulate(compose(BlockOnBelt(friction=StepFriction(drop_speed=0.1))), "60 s")
     >>> print(f"the block sticks for {measure.stuck_ratio(run, 'belt'):.0%} of the time")
     the block sticks for 25% of the time
     """
 
-    static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0, source="Aarsnes and Shor (2018)")
+    static: Quantity = quantity(
+        0.3, "1", "static coefficient, and coefficient below the drop", at_least=0, source="Aarsnes and Shor (2018)"
+    )
     kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0, source="Aarsnes and Shor (2018)")
     drop_speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)")
 
@@ -195,10 +199,10 @@ class RationalStribeck(_Falling):
     static: Quantity = quantity(0.4, "1", "static coefficient", at_least=0)
     kinetic: Quantity = quantity(0.1, "1", "level to which the hyperbola falls", at_least=0)
     decay: Quantity = quantity(3.0, "s/m", "decay with slip speed (s/rad for rotation)", at_least=0)
-    rise: Quantity = quantity(0.0, "s2/m2", "rise with the square of slip speed (s2/rad2 for rotation)", at_least=0)
+    quadratic_rise: Quantity = quantity(0.0, "s2/m2", "rise with the square of slip speed (s2/rad2 for rotation)", at_least=0)
 
     def sliding(self, speed):
-        return self.kinetic + (self.static - self.kinetic) / (1 + self.decay * speed) + self.rise * speed**2
+        return self.kinetic + (self.static - self.kinetic) / (1 + self.decay * speed) + self.quadratic_rise * speed**2
 
 
 @dataclass(frozen=True)
@@ -284,7 +288,7 @@ class CubicStribeck(_Falling):
 
     static: Quantity = quantity(0.4, "1", "static coefficient", at_least=0)
     minimum: Quantity = quantity(0.25, "1", "smallest kinetic coefficient", at_least=0)
-    lowest: ClassVar[str] = "minimum"
+    _lowest: ClassVar[str] = "minimum"
     minimum_speed: Quantity = quantity(0.5, "m/s", "slip speed v_m of the minimum", above=0)
 
     def sliding(self, speed):
@@ -313,7 +317,7 @@ class Viscous(FrictionLaw):
     """
 
     dry: FrictionLaw = Coulomb()
-    viscous: Quantity = quantity(0.1, "s/m", "viscous coefficient (s/rad where the contact turns)", at_least=0)
+    viscous: Quantity = quantity(0.1, "s/m", "viscous coefficient (s/rad for rotation)", at_least=0)
 
     def sliding(self, speed, *beyond):
         return self.dry.sliding(speed, *beyond) + self.viscous * speed

@@ -38,7 +38,7 @@ class GearStage(Component):
     HybridSystem(GearStage): 3 states (teeth.twist, input.speed, output.speed); contacts: bearing, teeth; inputs: input.torque [N m], output.torque [N m]
     """
 
-    ratio: Quantity = quantity(2.0, "1", "speed of the driving shaft in parts of that of the driven one", above=0)
+    ratio: Quantity = quantity(2.0, "1", "speed of the driving shaft as a multiple of the speed of the driven shaft", above=0)
     driving_inertia: Quantity = quantity(1.0, "kg m2", "inertia of the driving shaft", above=0)
     driven_inertia: Quantity = quantity(1.5, "kg m2", "inertia of the driven shaft", above=0)
     stiffness: Quantity = quantity(1e4, "N m/rad", "stiffness of the teeth at the driving shaft", above=0)

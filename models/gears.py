@@ -259,7 +259,7 @@ class GearNetwork(Component):
     - Contacts: `gears.i` of train i, with lossy teeth. The friction of the teeth is dry friction with the slip w_a -
       w_c and a load proportional to |tau|.
 
-    `driven` is the node that acts as top drive for controllers: their `top.torque` and `top.speed` are the torque and
+    `input_node` is the node that acts as top drive for controllers: their `top.torque` and `top.speed` are the torque and
     the speed of this node.
 
     Range of validity: no backlash. Two lossy trains with the same a and the same carrier would share one slip and raise
@@ -284,7 +284,7 @@ class GearNetwork(Component):
     shafts: tuple[tuple[str, ...], ...] = ()
     stiffness: OptionalQuantities = quantity(None, "N m/rad", "stiffness of every shaft", above=0)
     damping: OptionalQuantities = quantity(None, "N m s/rad", "damping of every shaft", at_least=0)
-    driven: str | None = None
+    input_node: str | None = None
 
     def check(self):
         for field in ("nodes", "trains", "shafts"):
@@ -297,8 +297,8 @@ class GearNetwork(Component):
             raise SceneError("Argument `gears.nodes` must hold at least one inertia, but it is empty.")
         if not self.trains:
             raise SceneError("Argument `gears.trains` must hold at least one train, but it is empty.")
-        if self.driven is not None and self.driven not in self.nodes:
-            raise SceneError(f"Argument `gears.driven` must be one of {', '.join(self.nodes)}, but it is {self.driven!r}.")
+        if self.input_node is not None and self.input_node not in self.nodes:
+            raise SceneError(f"Argument `gears.input_node` must be one of {', '.join(self.nodes)}, but it is {self.input_node!r}.")
         self._check_sizes()
         for train, ratio in zip(self.trains, self.ratio, strict=True):
             _check_train(train, ratio)
@@ -330,8 +330,8 @@ class GearNetwork(Component):
 
     @property
     def redirected_signals(self) -> Mapping[str, str]:
-        """Signals that the network redirects: controllers of a top drive are connected to the node `driven`."""
-        return {} if self.driven is None else {"top.torque": f"{self.driven}.torque", "top.speed": f"{self.driven}.speed"}
+        """Signals that the network redirects: controllers of a top drive are connected to the node `input_node`."""
+        return {} if self.input_node is None else {"top.torque": f"{self.input_node}.torque", "top.speed": f"{self.input_node}.speed"}
 
     def steady(self, speeds: Mapping[str, float], torques: Mapping[str, float] | None = None) -> SteadyGears:
         """Compute the steady state of the network with rigid shafts and teeth, without idle torques.

@@ -57,7 +57,7 @@ class HystereticBitRock(Component):
         rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   T0 = W R_b mu(|w|) sgn w,   J w' = M - T
         switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down, any value between at w' = 0
 
-    The rate form is used if `beta1` is given, otherwise the switched form. M is the torque of the string on the bit and
+    The rate form is used if `hysteresis_steepness` is given, otherwise the switched form. M is the torque of the string on the bit and
     J the inertia of the bit.
 
     - Needs the signals `bit.speed` w [rad/s], `bit.free_acceleration` M/J [rad/s2], `bit.inertia` J [kg m2] and
@@ -86,8 +86,12 @@ class HystereticBitRock(Component):
     radius: Quantity = quantity(
         0.155575, "m", "radius of the bit", above=0, typical_range=(0.01, 1.0), source="Navarro-Lopez and Cortes (2007)"
     )
-    beta0: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
-    beta1: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
+    hysteresis_fraction: Quantity = quantity(
+        0.2, "1", "half of the distance of the branches as a fraction of the torque (assumed)", at_least=0, at_most=1
+    )
+    hysteresis_steepness: OptionalQuantity = quantity(
+        None, "s2/rad", "steepness of the change between the branches; None for the switched form", at_least=0
+    )
     friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)
 
     def check(self):
@@ -102,14 +106,14 @@ class HystereticBitRock(Component):
         weight = signal("bit.weight", "N", default=self.weight)
         bit = DryFriction("bit", speed, self.friction, weight * self.radius, slip_unit="rad/s", force_unit="N m")
         base = bit.kinetic
-        width = self.beta0 * base
-        if self.beta1 is None:
-            bit.static *= 1 + self.beta0
+        width = self.hysteresis_fraction * base
+        if self.hysteresis_steepness is None:
+            bit.static *= 1 + self.hysteresis_fraction
             # one piece for each direction, so that no argument of a kink jumps when the mode does
             forward, backward = (resisting(sign * load, base, width, None, inertia) for sign in (1, -1))
             torque = bit.mode * ((bit.mode + 1) * forward + (bit.mode - 1) * backward) / 2
         else:
-            torque = resisting(bit.mode * load, base, width, self.beta1, inertia)
+            torque = resisting(bit.mode * load, base, width, self.hysteresis_steepness, inertia)
         bit.load, bit.sliding = ca.SX(1), torque
         return Equations(outputs={"bit.torque": (-bit.force, "N m")}, elements=[bit])
 
@@ -121,7 +125,7 @@ class SmoothHystereticBitRock(SmoothBitRock):
         rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   J w' = M - T
         switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down, any value between at w' = 0
 
-    The rate form is used if `beta1` is given, otherwise the switched form. The signals are the same as for
+    The rate form is used if `hysteresis_steepness` is given, otherwise the switched form. The signals are the same as for
     `HystereticBitRock`. There is no contact, so the bit never sticks.
 
     beta0 and beta1 are assumed. Range of validity: as for `SmoothBitRock`, with beta0 <= 1.
@@ -136,13 +140,17 @@ class SmoothHystereticBitRock(SmoothBitRock):
     HybridSystem(TorsionalChain, SmoothHystereticBitRock): 3 states (chain.twist, chain.speed); contacts: none; inputs: top.torque [N m], bit.weight [N]
     """
 
-    beta0: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
-    beta1: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
+    hysteresis_fraction: Quantity = quantity(
+        0.2, "1", "half of the distance of the branches as a fraction of the torque (assumed)", at_least=0, at_most=1
+    )
+    hysteresis_steepness: OptionalQuantity = quantity(
+        None, "s2/rad", "steepness of the change between the branches; None for the switched form", at_least=0
+    )
 
     def equations(self, signal):
         speed, inertia = signal("bit.speed", "rad/s"), signal("bit.inertia", "kg m2")
         load = inertia * signal("bit.free_acceleration", "rad/s2")
         weight = signal("bit.weight", "N", default=self.weight)
         torque = smooth_torque(self, weight, speed)
-        width = self.beta0 * ca.fabs(torque)
-        return Equations(outputs={"bit.torque": (resisting(load, torque, width, self.beta1, inertia), "N m")})
+        width = self.hysteresis_fraction * ca.fabs(torque)
+        return Equations(outputs={"bit.torque": (resisting(load, torque, width, self.hysteresis_steepness, inertia), "N m")})

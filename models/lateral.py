@@ -32,8 +32,9 @@ class WhirlingCollar(Component):
         N unilateral contact force with closure r - gap;   F dry friction with load N and slip speed R_co phi' + r theta'
 
     (y, z) is the geometric centre, r and theta are its polar coordinates. (y, z) is zero at rest in the middle of the
-    borehole. N is the force of the wall, nonzero only for r >= gap. c_h is the drag of the mud. M is the resulting
-    reaction torque on the string.
+    borehole. N is the force of the wall, nonzero only for r >= gap. e is the eccentricity of the mass centre, m the
+    modal mass, k_l the lateral stiffness, R_co the outer radius, L the length between the stabilisers, E I_a the
+    bending stiffness of the pipe and c_h the drag of the mud. M is the resulting reaction torque on the string.
 
     Connect the collar to a `TorsionalChain` with `collar_index=` set.
 
@@ -76,7 +77,7 @@ class WhirlingCollar(Component):
     wall_damping: Quantity = quantity(1000.0, "N s/m", "damping c_s of an elastic wall", at_least=0)
     restitution: OptionalQuantity = quantity(None, "1", "restitution of a rigid wall", at_least=0, at_most=1)
     friction: FrictionLaw = Coulomb(static=0.35, kinetic=0.35)
-    weight: OptionalQuantity = quantity(None, "N", "weight on bit where no rock says it", at_least=0, typical_range=(500.0, 5e6))
+    weight: OptionalQuantity = quantity(None, "N", "weight on bit if no rock gives it", at_least=0, typical_range=(500.0, 5e6))
 
     def check(self):
         if not self.inner_diameter < self.outer_diameter < self.hole_diameter:
@@ -86,7 +87,7 @@ class WhirlingCollar(Component):
             )
 
     @property
-    def radius(self) -> Any:
+    def outer_radius(self) -> Any:
         """Outer radius of the collar, R_co = D_o/2 [m]."""
         return self.outer_diameter / 2
 
@@ -96,14 +97,14 @@ class WhirlingCollar(Component):
         return (self.hole_diameter - self.outer_diameter) / 2
 
     @property
-    def mass(self) -> Any:
+    def modal_mass(self) -> Any:
         """Modal mass m = L (rho A + rho_f pi/4 (D_i^2 + C_A D_o^2))/2 [kg], with the mud inside and the added mass of the mud outside."""
         steel = self.density * np.pi / 4 * (self.outer_diameter**2 - self.inner_diameter**2)
         mud = self.mud_density * np.pi / 4 * (self.inner_diameter**2 + self.added_mass * self.outer_diameter**2)
         return self.span * (steel + mud) / 2
 
     @property
-    def drag(self) -> Any:
+    def quadratic_drag(self) -> Any:
         """Coefficient of the quadratic drag of the mud, c_h = 2 rho_f C_D D_o L/(3 pi) [N s2/m2]."""
         return 2 * self.mud_density * self.drag_coefficient * self.outer_diameter * self.span / (3 * np.pi)
 
@@ -133,27 +134,27 @@ class WhirlingCollar(Component):
 
         Mud drag and wall contact are neglected.
         """
-        return self.mass * self.eccentricity * speed**2 / abs(self.stiffness(weight, torque) - self.mass * speed**2)
+        return self.modal_mass * self.eccentricity * speed**2 / abs(self.stiffness(weight, torque) - self.modal_mass * speed**2)
 
     def contact_speed(self, weight: float = 0.0, torque: float = 0.0) -> float:
         """Compute the lowest speed at which steady synchronous whirl reaches the wall, sqrt(k_l/m gap/(gap + e)) [rad/s].
 
         Mud drag is neglected.
         """
-        return float(np.sqrt(self.stiffness(weight, torque) / self.mass * self.gap / (self.gap + self.eccentricity)))
+        return float(np.sqrt(self.stiffness(weight, torque) / self.modal_mass * self.gap / (self.gap + self.eccentricity)))
 
     def rolling_ratio(self) -> float:
         """Ratio theta'/phi' = -R_co/gap of pure rolling: backward whirl without slip on the wall."""
-        return -self.radius / self.gap
+        return -self.outer_radius / self.gap
 
     def rolling_speed(self, weight: float = 0.0, torque: float = 0.0, friction: float | None = None) -> float:
         """Compute the lowest steady speed at which backward rolling along a rigid wall persists. inf if friction is too low at every speed.
 
             w^2 = mu k_l gap/(mu m R_co^2/gap - m e sqrt(1 + mu^2) - c_h R_co^2)
 
-        Above this speed the normal force of the wall, N = m gap theta'^2 + m e w^2 cos psi - k_l gap, is large enough
-        that friction can balance drag and imbalance at every angle psi = phi - theta: |F| = |m e w^2 sin psi + c_h
-        gap^2 theta'^2| <= mu N.
+        The symbols are defined in `WhirlingCollar`. Above this speed the normal force of the wall, N = m gap theta'^2 +
+        m e w^2 cos psi - k_l gap, is large enough that friction can balance drag and imbalance at every angle psi = phi
+        - theta: |F| = |m e w^2 sin psi + c_h gap^2 theta'^2| <= mu N.
 
         Parameters
         ----------
@@ -168,7 +169,11 @@ class WhirlingCollar(Component):
             The speed of rotation w [rad/s].
         """
         mu = float(self.friction.breakaway()) if friction is None else friction
-        held = mu * self.mass * self.radius**2 / self.gap - self.mass * self.eccentricity * np.sqrt(1 + mu**2) - self.drag * self.radius**2
+        held = (
+            mu * self.modal_mass * self.outer_radius**2 / self.gap
+            - self.modal_mass * self.eccentricity * np.sqrt(1 + mu**2)
+            - self.quadratic_drag * self.outer_radius**2
+        )
         return float(np.sqrt(mu * self.stiffness(weight, torque) * self.gap / held)) if held > 0 else np.inf
 
     def equations(self, signal):
@@ -186,14 +191,14 @@ class WhirlingCollar(Component):
             "wall", r - self.gap, ca.dot(outward, v), restitution=self.restitution,
             stiffness=None if rigid else self.wall_stiffness, damping=0.0 if rigid else self.wall_damping,
         )  # fmt: skip
-        slip = self.radius * speed + ca.dot(along, v)
+        slip = self.outer_radius * speed + ca.dot(along, v)
         rub = DryFriction("rub", slip, self.friction, wall.force)
         softening = self.softening(weight, torque)
         current = ca.sqrt(ca.dot(v, v) + TINY**2)
-        force = (softening - self.bending_stiffness) * centre - self.drag * current * v - wall.force * outward + rub.force * along
-        moment = self.radius * rub.force + e * (force[0] * sin - force[1] * cos)
+        force = (softening - self.bending_stiffness) * centre - self.quadratic_drag * current * v - wall.force * outward + rub.force * along
+        moment = self.outer_radius * rub.force + e * (force[0] * sin - force[1] * cos)
         return Equations(
-            flow={phi: speed, displacement: velocity, velocity: force / self.mass},
+            flow={phi: speed, displacement: velocity, velocity: force / self.modal_mass},
             outputs={
                 "collar.torque": (moment, "N m"),
                 "collar.y": (centre[0], "m"),
@@ -201,8 +206,8 @@ class WhirlingCollar(Component):
                 "collar.radius": (r, "m"),
             },
             elements=[wall, rub],
-            stored=self.mass * ca.dot(velocity, velocity) / 2 + self.bending_stiffness * ca.dot(centre, centre) / 2 + wall.stored,
-            losses={"mud": self.drag * current**3, "rub": -rub.force * slip, "wall": wall.loss},
+            stored=self.modal_mass * ca.dot(velocity, velocity) / 2 + self.bending_stiffness * ca.dot(centre, centre) / 2 + wall.stored,
+            losses={"mud": self.quadratic_drag * current**3, "rub": -rub.force * slip, "wall": wall.loss},
             supplies={"string": -moment * speed, "weight and torque": softening * ca.dot(centre, v)},
         )
 
@@ -244,13 +249,13 @@ def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None,
     1.00
     """
     begin, end = window(run, after, until)
-    times = np.unique(np.concatenate([run.nodes.time[(run.nodes.time > begin) & (run.nodes.time < end)], [begin, end]]))
+    times = np.unique(np.concatenate([run.every_step.time[(run.every_step.time > begin) & (run.every_step.time < end)], [begin, end]]))
     for _ in range(12):  # until neighbours are less than a quarter turn apart
-        samples = run.nodes.at(times)
+        samples = run.every_step.at(times)
         theta = np.unwrap(np.arctan2(samples[f"{name}.z"], samples[f"{name}.y"]))
         far = np.flatnonzero(np.abs(np.diff(theta)) > np.pi / 4)
         if not far.size:
             break
         times = np.sort(np.concatenate([times, 0.5 * (times[far] + times[far + 1])]))
-    turned = run.nodes.at(np.array([begin, end]))[f"{name}.angle"]
+    turned = run.every_step.at(np.array([begin, end]))[f"{name}.angle"]
     return float((theta[-1] - theta[0]) / (turned[1] - turned[0])) if turned[1] != turned[0] else np.nan

@@ -33,7 +33,7 @@ class Lumping:
         self.sections = tuple(sections)
         self.nodes = np.asarray(nodes, float)
         self.ends = np.cumsum([0.0, *(section.length for section in sections)])
-        self._compliance = np.cumsum([0.0, *(section.length / section.rigidity for section in sections)])
+        self._compliance = np.cumsum([0.0, *(section.length / section.torsional_rigidity for section in sections)])
         self._at_nodes = self.compliance(self.nodes)
         self.stiffness = 1 / np.diff(self._at_nodes)
 
@@ -48,8 +48,8 @@ class Lumping:
     @staticmethod
     def of_count(sections: Sequence[Section], elements: int) -> Lumping:
         """So many elements, all of the same C I."""
-        compliance = sum(section.length / section.rigidity for section in sections)
-        whole = compliance * sum(section.length * section.inertia for section in sections) * (1 + 1e-9)
+        compliance = sum(section.length / section.torsional_rigidity for section in sections)
+        whole = compliance * sum(section.length * section.inertia_per_length for section in sections) * (1 + 1e-9)
         # the smallest C I with which so many elements reach the end, and no round-off is left over
         _, high = halved(lambda product: len(_marched(sections, product, elements)) <= elements, 0.0, whole, 1e-12)
         nodes = _marched(sections, high, elements)
@@ -83,10 +83,10 @@ def _marched(sections: Sequence[Section], product: float, most: int) -> list[flo
     nodes, depth = [0.0], 0.0
     compliance = inertia = 0.0
     for section in sections:
-        by_compliance, left = 1 / section.rigidity, section.length
+        by_compliance, left = 1 / section.torsional_rigidity, section.length
         while len(nodes) <= most:
             # (C + d / GJ) (I + d rho J) = product
-            square, linear = by_compliance * section.inertia, compliance * section.inertia + inertia * by_compliance
+            square, linear = by_compliance * section.inertia_per_length, compliance * section.inertia_per_length + inertia * by_compliance
             missing = max(product - compliance * inertia, 0.0)
             d = 2 * missing / (linear + math.sqrt(linear**2 + 4 * square * missing))
             if d >= left:
@@ -94,5 +94,5 @@ def _marched(sections: Sequence[Section], product: float, most: int) -> list[flo
             depth, left = depth + d, left - d
             nodes.append(depth)
             compliance = inertia = 0.0
-        compliance, inertia, depth = compliance + left * by_compliance, inertia + left * section.inertia, depth + left
+        compliance, inertia, depth = compliance + left * by_compliance, inertia + left * section.inertia_per_length, depth + left
     return nodes

@@ -26,9 +26,10 @@ class RateAndState(FrictionLaw):
     of forward and backward jumps over a barrier. Both are equal to round-off for v above v_0 exp(-mu_0 / a).
     Consequences:
 
-    - Nothing sticks exactly: a contact at rest creeps. On rock the creep speed is below 1e-30 m/s.
-    - No computation can pass such a speed from rest. Below the speed `floor`, which is chosen, friction is therefore
-      viscous: the friction at the speed sqrt(v^2 + floor^2), multiplied by v / sqrt(v^2 + floor^2).
+    - Nothing sticks exactly: a contact at rest creeps.
+    - On rock the speed v_0 exp(-mu_0 / a) is below 1e-30 m/s, and no computation can pass it from rest. Below the speed
+      `regularisation_speed`, which is chosen, friction is therefore viscous: the friction at the speed sqrt(v^2 + floor^2), multiplied
+      by v / sqrt(v^2 + floor^2).
 
     The state of a contact `pad` is `pad.age` psi. It begins at 0, which is steady sliding at v_0.
 
@@ -51,7 +52,7 @@ class RateAndState(FrictionLaw):
     evolving: Quantity = quantity(0.015, "1", "b, of the effect of the age", at_least=0)
     distance: Quantity = quantity(1e-5, "m", "slip D_c over which contacts are renewed (rad for rotation)", above=0)
     speed: Quantity = quantity(1e-6, "m/s", "reference speed v_0 (rad/s for rotation)", above=0)
-    floor: Quantity = quantity(1e-12, "m/s", "speed below which friction is viscous (rad/s for rotation)", above=0)
+    regularisation_speed: Quantity = quantity(1e-12, "m/s", "speed below which friction is viscous (rad/s for rotation)", above=0)
     ageing: bool = True
 
     def memory(self, directions):
@@ -65,7 +66,7 @@ class RateAndState(FrictionLaw):
 
     def evolution(self, slip, speed, load, memory):
         psi = memory["age"]
-        moved = ca.sqrt(ca.sumsqr(slip) + self.floor**2)
+        moved = ca.sqrt(ca.sumsqr(slip) + self.regularisation_speed**2)
         friction = self.direct * ca.asinh(moved / (2 * self.speed) * ca.exp((self.base + self.evolving * psi) / self.direct)) * slip / moved
         speed = ca.sqrt(ca.sumsqr(slip) + (1e-15 * self.speed) ** 2)  # without a kink, which what creeps to and fro would pass for ever
         renewed = self.speed * ca.exp(-psi) - speed if self.ageing else -speed * (self._log(speed) + psi)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from models.pipe_sizes import inner_diameter
 from toolbox import SceneError
-from toolbox.authoring import Column, NumberOrText, Table, in_si, is_finite_number, number, read_table, suggest
+from toolbox.authoring import Column, NumberOrText, Renamed, Table, in_si, is_finite_number, number, read_table, suggest
 
 
 class Material(NamedTuple):
@@ -29,7 +29,7 @@ MATERIALS = {
 
 
 @dataclass(frozen=True)
-class ToolJoint:
+class ToolJoint(Renamed):
     """Tool joints of a pipe: the thicker ends, one pair of box and pin for every joint of pipe.
 
     Parameters
@@ -52,7 +52,7 @@ class ToolJoint:
     >>> from models import Section, ToolJoint
     >>> joint = ToolJoint(outer="6.625 in", inner="3.5 in", length="21 in", every="30 ft")
     >>> pipe = Section(length="1000 m", outer="5 in", inner="4.276 in", tool_joint=joint)
-    >>> print(f"{joint.part:.3f} of the length, contact radius {pipe.contact_radius * 1e3:.1f} mm")
+    >>> print(f"{joint.length_fraction:.3f} of the length, contact radius {pipe.contact_radius * 1e3:.1f} mm")
     0.058 of the length, contact radius 84.1 mm
     """
 
@@ -67,13 +67,13 @@ class ToolJoint:
             number(smaller, getattr(self, smaller), "m", above=0, below=number(larger, getattr(self, larger), "m", above=0))
 
     @property
-    def part(self) -> float:
+    def length_fraction(self) -> float:
         """Fraction of the string length that consists of tool joints [1]."""
         return self.length / self.every
 
 
 @dataclass(frozen=True)
-class Section:
+class Section(Renamed):
     """Section of a drill string: pipe of one size, optionally with tool joints.
 
     Textbook values of a circular tube:
@@ -92,7 +92,7 @@ class Section:
         `inner_diameter("5 in", "19.5 lb/ft")`.
     density, shear_modulus
         Density [kg/m3] and shear modulus G [Pa] of the material.
-    mass
+    mass_per_length
         Mass per length in air [kg/m] with upsets and tool joints, as in catalogues ("adjusted weight"), or text such as
         "23.5 lb/ft" or "23.5 ppf". By default it follows from the diameters. The mass in excess of this value is
         assumed to rotate at the same radius of gyration.
@@ -118,7 +118,7 @@ class Section:
     inner: NumberOrText
     density: NumberOrText = MATERIALS["steel"].density
     shear_modulus: NumberOrText = MATERIALS["steel"].shear_modulus
-    mass: NumberOrText | None = None
+    mass_per_length: NumberOrText | None = None
     tool_joint: ToolJoint | None = None
 
     def __post_init__(self) -> None:
@@ -134,7 +134,11 @@ class Section:
         """Cross-sectional area of the metal [m2], the mean along the section."""
         pipe = math.pi * (self.outer**2 - self.inner**2) / 4
         joint = self.tool_joint
-        return pipe if joint is None else (1 - joint.part) * pipe + joint.part * math.pi * (joint.outer**2 - joint.inner**2) / 4
+        return (
+            pipe
+            if joint is None
+            else (1 - joint.length_fraction) * pipe + joint.length_fraction * math.pi * (joint.outer**2 - joint.inner**2) / 4
+        )
 
     @property
     def polar_moment(self) -> float:
@@ -142,28 +146,32 @@ class Section:
         return _polar_moment(self)
 
     @property
-    def inertia(self) -> float:
+    def inertia_per_length(self) -> float:
         """Rotational inertia per length, rho J [kg m]."""
         joint, inertia = self.tool_joint, self.density * self.polar_moment
         if joint is not None:
-            inertia = (1 - joint.part) * inertia + joint.part * self.density * _polar_moment(joint)
-        return inertia if self.mass is None else inertia * self.mass / (self.density * self.area)
+            inertia = (1 - joint.length_fraction) * inertia + joint.length_fraction * self.density * _polar_moment(joint)
+        return inertia if self.mass_per_length is None else inertia * self.mass_per_length / (self.density * self.area)
 
     @property
-    def rigidity(self) -> float:
+    def torsional_rigidity(self) -> float:
         """Torsional rigidity G J [N m2]."""
         joint, pipe = self.tool_joint, self.shear_modulus * self.polar_moment
-        return pipe if joint is None else 1 / ((1 - joint.part) / pipe + joint.part / (self.shear_modulus * _polar_moment(joint)))
+        return (
+            pipe
+            if joint is None
+            else 1 / ((1 - joint.length_fraction) / pipe + joint.length_fraction / (self.shear_modulus * _polar_moment(joint)))
+        )
 
     @property
     def wave_speed(self) -> float:
         """Speed of torsional waves, c [m/s]."""
-        return math.sqrt(self.rigidity / self.inertia)
+        return math.sqrt(self.torsional_rigidity / self.inertia_per_length)
 
     @property
     def impedance(self) -> float:
         """Torsional wave impedance zeta, torque divided by speed of rotation [N m s/rad]."""
-        return math.sqrt(self.rigidity * self.inertia)
+        return math.sqrt(self.torsional_rigidity * self.inertia_per_length)
 
     @property
     def contact_radius(self) -> float:
@@ -172,7 +180,7 @@ class Section:
 
     def weight(self, mud_density: float = 0.0) -> float:
         """Return the weight per length in mud of this density, inside and outside: (rho - rho_mud) g A [N/m], g = 9.80665 m/s2."""
-        metal = self.area if self.mass is None else self.mass / self.density
+        metal = self.area if self.mass_per_length is None else self.mass_per_length / self.density
         return (self.density - mud_density) * 9.80665 * metal
 
 
@@ -180,7 +188,7 @@ def _polar_moment(tube: Section | ToolJoint) -> float:
     return math.pi * (tube.outer**4 - tube.inner**4) / 32
 
 
-UNITS = {"length": "m", "outer": "m", "inner": "m", "density": "kg/m3", "shear_modulus": "Pa", "mass": "kg/m"}
+UNITS = {"length": "m", "outer": "m", "inner": "m", "density": "kg/m3", "shear_modulus": "Pa", "mass_per_length": "kg/m"}
 
 
 def _in_si(tube: Section | ToolJoint, names: Iterable[str]) -> None:
@@ -193,7 +201,7 @@ def _fault(values: Mapping[str, Any]) -> tuple[str, str] | None:
     """(field, what it must be) of the first mistake in the fields of a section."""
     for name, unit in UNITS.items():
         value: Any = values.get(name)
-        if name == "mass" and value is None:
+        if name == "mass_per_length" and value is None:
             continue
         if not is_finite_number(value):
             return name, f"it must be a finite number, but it is {value!r}."
@@ -225,7 +233,7 @@ COLUMNS = (
 )
 """What a table of sections may have; either `length`, or `from` and `to`; either `material`, or `density` and `shear modulus`; `ID` or `nominal weight`."""
 
-_COLUMN_OF = {"outer": "OD", "inner": "ID", "shear_modulus": "shear modulus", "mass": "weight"}
+_COLUMN_OF = {"outer": "OD", "inner": "ID", "shear_modulus": "shear modulus", "mass_per_length": "weight"}
 
 
 JOINT_COLUMNS = {"outer": "tool joint OD", "inner": "tool joint ID", "length": "tool joint length", "every": "joint length"}
@@ -291,7 +299,12 @@ def read_sections(path: str | Path) -> tuple[Section, ...]:
             material = MATERIALS[row["material"]]
         else:
             material = Material(row["density"], row["shear modulus"])
-        values = {"length": length, "outer": row["OD"], "inner": _inner(table, i, row), "mass": row.get("weight")} | material._asdict()
+        values = {
+            "length": length,
+            "outer": row["OD"],
+            "inner": _inner(table, i, row),
+            "mass_per_length": row.get("weight"),
+        } | material._asdict()
         fault = _fault(values)
         if fault:
             raise table.error(i, length_column if fault[0] == "length" else _COLUMN_OF.get(fault[0], fault[0]), fault[1])

@@ -40,7 +40,7 @@ class ShoeBrake(Component):
     radius: Quantity = quantity(0.15, "m", "radius of the drum", above=0)
     static: Quantity = quantity(0.4, "1", "static coefficient of the lining", at_least=0)
     kinetic: Quantity = quantity(0.3, "1", "kinetic coefficient of the lining", at_least=0)
-    lever: Quantity = quantity(0.8, "1", "lever ratio by which friction draws a shoe in", at_least=0)
+    lever: Quantity = quantity(0.8, "1", "lever ratio c with which friction presses a shoe on the drum", at_least=0)
     bearing: FrictionLaw = Coulomb(0.5, 0.3)
 
     def check(self):

@@ -89,7 +89,7 @@ class InclinedSlider(Component):
 
         m y'' + c y' + k y = F sin a - friction,   |friction| <= mu F cos a,   m = F cos a / g
 
-    The slider moves from rest only if tan a > mu. It then creeps to k y = F (sin a - mu cos a).
+    The slider moves from rest if and only if tan a > mu. It then creeps to k y = F (sin a - mu cos a).
 
     - Needs the signal `slider.force` F [N] (default: the field).
     - Gives the signals `slider.position` y [m] and `slider.speed` [m/s], positive down the slope.

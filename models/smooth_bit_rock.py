@@ -32,10 +32,10 @@ class SmoothBitRock(Component):
     """
 
     weight: Quantity = quantity(97_347.0, "N", "weight on bit", at_least=0, typical_range=(500.0, 5e6))
-    b0: Quantity = quantity(0.0239, "m", "torque per weight at high speed", at_least=0, source="Real et al. (2018)")
-    b1: Quantity = quantity(1.910, "s/rad", "steepness at zero speed", at_least=0, source="Real et al. (2018)")
-    b2: Quantity = quantity(8.500, "s/rad", "height of the peak", at_least=0, source="Real et al. (2018)")
-    b3: Quantity = quantity(5.470, "s2/rad2", "narrowness of the peak", at_least=0, source="Real et al. (2018)")
+    torque_per_weight: Quantity = quantity(0.0239, "m", "torque per weight at high speed", at_least=0, source="Real et al. (2018)")
+    zero_speed_steepness: Quantity = quantity(1.910, "s/rad", "steepness at zero speed", at_least=0, source="Real et al. (2018)")
+    peak_height: Quantity = quantity(8.500, "s/rad", "height of the peak", at_least=0, source="Real et al. (2018)")
+    peak_narrowness: Quantity = quantity(5.470, "s2/rad2", "narrowness of the peak", at_least=0, source="Real et al. (2018)")
 
     def equations(self, signal):
         speed = signal("bit.speed", "rad/s")
@@ -45,4 +45,8 @@ class SmoothBitRock(Component):
 
 def smooth_torque(law, weight: ca.SX, speed: ca.SX) -> ca.SX:
     """W b0 [tanh(b1 w) + b2 w / (1 + b3 w^2)] with the numbers b0 .. b3 of `law` [N m]."""
-    return weight * law.b0 * (ca.tanh(law.b1 * speed) + law.b2 * speed / (1 + law.b3 * speed**2))
+    return (
+        weight
+        * law.torque_per_weight
+        * (ca.tanh(law.zero_speed_steepness * speed) + law.peak_height * speed / (1 + law.peak_narrowness * speed**2))
+    )

@@ -80,7 +80,7 @@ class DrillString(TorsionalChain):
         bit_inertia
             Rigid inertia at the bit [kg m2].
         band
-            Frequency [Hz] up to which natural frequencies are accurate to 1 %. It determines the number of elements
+            Frequency [Hz] up to which natural frequencies are accurate to 1 %. The number of elements follows from it
             (see `models.lumping`). Friction along the string may need more elements than the vibration of the whole
             string: `python -m studies detail` prints the influence and the cost of more elements.
         elements
@@ -97,7 +97,7 @@ class DrillString(TorsionalChain):
             Whether the side force n includes the effect of the tension in curved parts of the borehole (Johancsik).
             Otherwise n = w sin(inc), with the weight per length w.
         weight_on_bit
-            Weight on bit [N]. It reduces the tension that `doglegs` uses.
+            Weight on bit [N], which reduces the tension that `doglegs` uses.
         drag_rate
             Viscous drag per inertia of the string [1/s].
         internal_damping
@@ -123,9 +123,12 @@ class DrillString(TorsionalChain):
         Raises
         ------
         SceneError
-            If a table is bad (the message names file, row and column), an argument is out of range, friction is given
-            without a survey, the survey ends above the bit, or the sections below the first one are longer than the
-            depth.
+            If one of these is true.
+
+            - A table is bad (the message names file, row and column), or an argument is out of range.
+            - Friction is given without a survey.
+            - The survey ends above the bit.
+            - The sections below the first one are longer than the depth.
         """
         top_inertia, bit_inertia = (
             number(word, value, "kg m2", at_least=0) for word, value in (("top_inertia", top_inertia), ("bit_inertia", bit_inertia))
@@ -149,7 +152,7 @@ class DrillString(TorsionalChain):
             raise SceneError(f"Argument `mud_density` must be smaller than the density of every section, but it is {mud_density:g} kg/m3.")
         hole = hole_of(survey, sum(section.length for section in pipes)) if survey is not None else None
         lumping = Lumping.of_band(pipes, band) if elements is None else Lumping.of_count(pipes, int(elements))
-        inertia = lumping.shared(lambda s: lumping.along([section.inertia for section in pipes], s))
+        inertia = lumping.shared(lambda s: lumping.along([section.inertia_per_length for section in pipes], s))
         fields: dict[str, Any] = {"drag": tuple((drag_rate * inertia).tolist())} if drag_rate else {}
         inertia[0] += top_inertia
         inertia[-1] += bit_inertia

@@ -23,7 +23,7 @@ from models.friction_factors import FrictionFactors
 from models.sections import Section, sections_of
 from models.survey import Survey, hole_of
 from toolbox import SceneError
-from toolbox.authoring import NumberOrText, Result, columns, new_names_only, number, reading, suggest
+from toolbox.authoring import NumberOrText, Result, columns, html_table, new_names_only, number, reading, suggest
 
 STEP = 5.0
 """Longest step over depth [m]."""
@@ -62,7 +62,7 @@ class TorqueDrag(Result):
     >>> pipe = Section(length="2000 m", outer="5 in", inner="4.276 in")
     >>> survey = Survey(depth=(0.0, 800.0, 1400.0, 2000.0), inclination=(0.0, 0.0, 1.0, 1.0), azimuth=(0.0, 0.0, 0.0, 0.0))
     >>> found = torque_drag([pipe], survey, friction=0.25, axial_speed=-0.2)
-    >>> print(f"drag {found.drag / 1e3:.0f} kN, the whole string moves: {found.moves}")
+    >>> print(f"drag {found.drag / 1e3:.0f} kN, the whole string moves: {found.is_moving}")
     drag 62 kN, the whole string moves: True
     """
 
@@ -76,17 +76,17 @@ class TorqueDrag(Result):
     bit_static: bool = False
 
     @property
-    def moves(self) -> bool:
+    def is_moving(self) -> bool:
         """Whether the whole string moves, including the bit."""
         return self.sliding_front >= float(self.depth[-1]) and not self.bit_static
 
     @property
-    def sliding(self) -> np.ndarray:
+    def is_sliding(self) -> np.ndarray:
         """Whether the string slides at every depth, shape (n,)."""
         return self.depth <= self.sliding_front
 
     @property
-    def neutral(self) -> float:
+    def neutral_point(self) -> float:
         """Neutral point: measured depth below which the string is in compression down to the bit [m]. The length of the string if there is no
         compression.
         """
@@ -99,7 +99,7 @@ class TorqueDrag(Result):
         return float(self.tension[0] - self.frictionless_tension[0])
 
     def __str__(self) -> str:
-        moving = "all of it slides" if self.moves else f"it slides above {self.sliding_front:.4g} m and is stuck below"
+        moving = "all of it slides" if self.is_moving else f"it slides above {self.sliding_front:.4g} m and is stuck below"
         if self.bit_static:
             moving = "it slides down to the bit, which the rock holds"
         rows = [
@@ -116,7 +116,7 @@ class TorqueDrag(Result):
     def _table(self) -> tuple[Sequence[str], Sequence[Sequence[Any]]]:
         """One row per depth."""
         heads = ["depth [m]", "tension [N]", "hanging [N]", "torque [N m]", "side force [N/m]", "sliding"]
-        rows = zip(self.depth, self.tension, self.frictionless_tension, self.torque, self.side_force, self.sliding, strict=True)
+        rows = zip(self.depth, self.tension, self.frictionless_tension, self.torque, self.side_force, self.is_sliding, strict=True)
         return heads, [[*map(float, row[:-1]), int(row[-1])] for row in rows]
 
     def plot(self, label: str = "", axes: Any = None) -> Any:
@@ -252,7 +252,7 @@ def torque_drag(
     if load_at_top is not None:
         pulls, torques, front = _partly(string, hanging, pulls, torques, factors, v, w, load_at_top)
     side = string.side_force(pulls)
-    rigidity = string.along([section.rigidity for section in pipes])
+    rigidity = string.along([section.torsional_rigidity for section in pipes])
     twist = float(np.sum(np.diff(string.depth) * 0.5 * (torques[1:] + torques[:-1]) / rigidity))
     held = front == length and abs(float(torques[-1])) < abs(needed)
     return TorqueDrag(string.depth, pulls, hanging, torques, side, front, twist, held)
@@ -394,15 +394,16 @@ class TorqueDragOperations(Result):
             raise SceneError(f"There is no operation `{name}`: {suggest(name, self.operations)}")
         return self.operations[name]
 
-    def __str__(self) -> str:
+    def _rows(self) -> tuple[str, list[tuple[str, ...]]]:
+        """(friction factors in a sentence, rows of the table of operations with its heads first)."""
         units = {"N": "kN", "N m": "kN m", **self.display_units}
         force, torque, length = (reading(unit, units) for unit in ("N", "N m", "m"))
         heads = ("operation", f"hook load [{force.unit}]", f"drag [{force.unit}]", f"torque at the top [{torque.unit}]", "string")
         rows: list[tuple[str, ...]] = [heads]
         for name, each in self.operations.items():
-            moves = "moves" if each.moves else f"moves above {each.sliding_front * length.factor:.4g} {length.unit}"
+            moves = "moves" if each.is_moving else f"moves above {each.sliding_front * length.factor:.4g} {length.unit}"
             if each.tension.min() < 0.0 and name != "rotating on bottom":
-                moves += f", in compression below {each.neutral * length.factor:.4g} {length.unit}"
+                moves += f", in compression below {each.neutral_point * length.factor:.4g} {length.unit}"
             rows.append(
                 (
                     name,
@@ -416,10 +417,17 @@ class TorqueDragOperations(Result):
         for depth, factor in self.friction:
             spans.append(f"{factor:g} from {above * length.factor:.4g} to {depth * length.factor:.4g} {length.unit}")
             above = depth
-        notes = f"  Friction factor {', '.join(spans)}; hook load without the weight of hook and block; no buckling."
-        return "\n".join(["Torque and drag", notes, *columns(rows, left=(0, 4))])
+        return f"Friction factor {', '.join(spans)}; hook load without the weight of hook and block; no buckling.", rows
+
+    def __str__(self) -> str:
+        note, rows = self._rows()
+        return "\n".join(["Torque and drag", f"  {note}", *columns(rows, left=(0, 4))])
 
     __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        note, (heads, *rows) = self._rows()
+        return html_table("Torque and drag", heads, rows, [note])
 
     def _table(self) -> tuple[Sequence[str], Sequence[Sequence[Any]]]:
         """One row per operation and depth."""

@@ -32,7 +32,9 @@ class TorsionalPendulum(Component):
     HybridSystem(TorsionalPendulum): 2 states (pendulum.twist, pendulum.speed); contacts: none; inputs: top.speed [rad/s], bit.torque [N m]
     """
 
-    inertia: Quantity = quantity(116.0, "kg m2", "inertia of the bit and of what moves with it", above=0, typical_range=(1e-3, math.inf))
+    inertia: Quantity = quantity(
+        116.0, "kg m2", "inertia of the bit and of the parts that rotate with it", above=0, typical_range=(1e-3, math.inf)
+    )
     stiffness: Quantity = quantity(938.0, "N m/rad", "torsional stiffness of the string", at_least=0, typical_range=(1.0, math.inf))
     damping: Quantity = quantity(0.0, "N m s/rad", "damping of the string", at_least=0)
     bit_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the bit", at_least=0)

@@ -35,7 +35,7 @@ class ValveSpool(Component):
     mass: Quantity = quantity(0.2, "kg", "mass of the spool", above=0)
     stiffness: Quantity = quantity(30.0, "N/m", "stiffness of the spring", at_least=0)
     damping: Quantity = quantity(0.0, "N s/m", "viscous drag", at_least=0)
-    stroke: Quantity = quantity(0.1, "m", "way from the middle to either stop", above=0)
+    stroke: Quantity = quantity(0.1, "m", "distance from the middle to each stop", above=0)
     restitution: Quantity = quantity(0.3, "1", "restitution of the stops", at_least=0, at_most=1)
     friction: FrictionLaw = Coulomb(2.0, 1.2)
 

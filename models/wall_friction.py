@@ -25,7 +25,8 @@ class WallContact(Component):
         stick:  v = 0, R w = 0,  sqrt(F^2 + (T / R)^2) <= mu_s N
         slip:   F = mu N v / s,  T = mu N R (R w) / s,  s = sqrt(v^2 + (R w)^2)      both against the motion
 
-    Rotation reduces the axial drag: a string that is held by axial friction comes free when it is rotated.
+    N is the side force, R the radius that touches the wall, v the axial speed and w the speed of rotation. Rotation
+    reduces the axial drag: a string that is held by axial friction comes free when it is rotated.
 
     The part replaces the rock. It acts on the last mass of an `AxialChain` and on the last inertia of a
     `TorsionalChain`, and every switch is located as an event. For friction at every mass, computed in time steps, use
@@ -242,12 +243,12 @@ class StringOnWall(ContactBody):
     mass: Quantities = quantity(unit="kg", meaning="masses behind the hoisting lines, top first", above=0)
     axial_stiffness: Quantities = quantity(unit="N/m", meaning="stiffness of the hoisting lines, then between masses", at_least=0)
     axial_damping: Quantities = quantity(unit="N s/m", meaning="damping beside every axial stiffness", at_least=0)
-    inertia: Quantities = quantity(unit="kg m2", meaning="that of the top drive, then one for every mass", above=0)
+    inertia: Quantities = quantity(unit="kg m2", meaning="inertia of the top drive, then one inertia for every mass", above=0)
     stiffness: Quantities = quantity(unit="N m/rad", meaning="stiffness between inertias", at_least=0)
     damping: Quantities = quantity(unit="N m s/rad", meaning="damping between inertias", at_least=0)
-    radius: Quantity = quantity(unit="m", meaning="of the surface that touches the wall", above=0)
+    radius: Quantity = quantity(unit="m", meaning="radius of the surface that touches the wall", above=0)
     loads: Quantities = quantity(unit="N", meaning="side force on the wall at every mass", at_least=0)
-    top_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the top drive, where it is an inertia", at_least=0)
+    top_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the top drive, if the top drive is an inertia", at_least=0)
     top_drive: bool = False
     friction: FrictionLaw = Coulomb(0.3, 0.3)
 

@@ -3,7 +3,7 @@
 NAVARRO_LOPEZ_2, NAVARRO_LOPEZ_4: E. M. Navarro-Lopez, D. Cortes, J. Sound Vib. 307 (2007) 152-171 (two inertias; table, pipe, collar, bit).
 JANSEN_2: J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668; the drag c_b = 50 N m s/rad of its bit is taken from the former.
 AARSNES_SHOR: U. J. F. Aarsnes, R. J. Shor (2018), inclined well, off bottom, dry friction along the string; F_c = mu sin(inc) rho g A r_o without
-buoyancy, mu 0.3 falling to 0.195 at 1.5 rad/s (a jump, see `Drop`), drag 0.1 1/s, top drive of 2900 kg m2, drive PI(38e3, 100e3).
+buoyancy, mu 0.3 falling to 0.195 at 1.5 rad/s (a jump, see `StepFriction`), drag 0.1 1/s, top drive of 2900 kg m2, drive PI(38e3, 100e3).
 UFRJ: pipe and bottom-hole assembly of F. F. Real et al. (2018), 5200 m; their damping 0.35 I + 0.06 k_t is a drag of 0.35 1/s and an internal damping of
 0.06 s. They prescribe the top speed; the top drive of 2122 kg m2 is an assumption, that of Jansen and van den Steen.
 UFRJ_2: pipe and bottom-hole assembly published at UFRJ, Rio de Janeiro, as one inertia I_pipe/3 + I_BHA on the stiffness G J/L_p of the pipe, with the
@@ -22,7 +22,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from models.drill_string import TorsionalChain
-from models.friction import Drop
+from models.friction import StepFriction
 from toolbox.authoring import suggest
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def __getattr__(name: str) -> DrillString:
     if name == "AARSNES_SHOR":
         with as_file(files("models") / "tables") as folder:
             return DrillString.from_tables(
-                folder / "aarsnes_shor_sections.csv", folder / "aarsnes_shor_survey.csv", top_inertia=2900.0, drag_rate=0.1, friction=Drop(),
+                folder / "aarsnes_shor_sections.csv", folder / "aarsnes_shor_survey.csv", top_inertia=2900.0, drag_rate=0.1, friction=StepFriction(),
             )  # fmt: skip
     if name == "UFRJ":
         with as_file(files("models") / "tables") as folder:

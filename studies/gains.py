@@ -41,9 +41,9 @@ from controllers import (
     Lifting,
     LinearMPC,
     NonlinearMPC,
-    OnEstimates,
     SlidingMode,
     SoftTorque,
+    StringObserverController,
     SuperTwisting,
     ZTorque,
 )
@@ -87,7 +87,8 @@ class Dithered(Controller):
 
         weight = what is asked (1 + depth clip((bit speed - set-point) / size, -1, 1))
 
-    It drives `bit.weight`, too, as fast as the string swings, which no rig does today; the bit speed is an estimate where it acts inside `OnEstimates`.
+    It drives `bit.weight`, too, as fast as the string swings, which no rig does today; the bit speed is an estimate where it acts inside
+    `StringObserverController`.
     """
 
     law: Controller
@@ -163,9 +164,9 @@ WALKS = {"torque_process_noise": (100.0, 20_000.0), "drive_process_noise": (20.0
 def _on_estimates(kind: Callable[..., Controller], bounds: Mapping[str, tuple[float, float]]) -> Family:
     """A law that asks for more than the top speed, on a Kalman filter whose numbers are free, too."""
 
-    def law(q: Mapping[str, float]) -> OnEstimates:
+    def law(q: Mapping[str, float]) -> StringObserverController:
         filtered = Kalman(speed_noise=NOISE, **{name: q[name] for name in WALKS})
-        return OnEstimates(kind(**{name: q[name] for name in bounds}), filtered, delay_samples=LATE)
+        return StringObserverController(kind(**{name: q[name] for name in bounds}), filtered, delay_samples=LATE)
 
     return Family(law, {**bounds, **WALKS})
 

@@ -10,7 +10,7 @@ from .export.c_code import to_control as to_control
 from .export.fmu import export_fmu as export_fmu
 from .export.from_control import from_control as from_control
 from .export.stepper import stepper as stepper
-from .files.unit_systems import units as units
+from .files.unit_systems import use_units as use_units
 from .measuring import measure as measure
 from .measuring.energy import energy_audit as energy_audit
 from .modelling import inputs as inputs

@@ -120,7 +120,10 @@ class SceneError(ValueError):
 
 
 class Unidentifiable(SceneError):
-    """Numbers that data do not tell: `names` of them, `mute` if they change no measured signal, and the `values` {name: value} where a search ended."""
+    """Error for numbers that the data do not determine: their `names`, and the `values` {name: value} at the end of the search.
+
+    `mute` is True if the numbers change no measured signal.
+    """
 
     def __init__(self, message: str, names: Iterable[str] = (), mute: bool = False, values: Any = None):
         super().__init__(message)
@@ -128,7 +131,7 @@ class Unidentifiable(SceneError):
 
 
 class NoSteadyState(SceneError):
-    """A plant that has no steady state at the numbers asked, or none that was found.
+    """Error for a plant that has no steady state at the given numbers, or whose steady state was not found.
 
     Examples
     --------
@@ -144,9 +147,9 @@ class NoSteadyState(SceneError):
 
 
 class UnusualValue(UserWarning):
-    """A number outside of the typical range of its field, for example because another unit was meant. The message names both readings.
+    """Warning about a number outside the typical range of its field, for example because another unit was meant.
 
-    `warnings.simplefilter("ignore", UnusualValue)` is for those who mean it.
+    The message names both readings. If the value is intended, use `warnings.simplefilter("ignore", UnusualValue)`.
     """
 
 
@@ -162,30 +165,33 @@ class SimulationError(RuntimeError):
 
 
 class ZenoError(SimulationError):
-    """Endlessly many events in a time too short to resolve."""
+    """Error for a run with so many events in a short time that they cannot be resolved (Zeno behaviour)."""
 
 
 class NoModes(SimulationError):
-    """An instant at which no modes of the elements are consistent with the forces."""
+    """Error for an instant at which no modes of the elements are consistent with the forces."""
 
 
 class ControllerError(SimulationError):
-    """A controller whose command, or whose memory, is not a finite number; the message names the controller, the signal and the time."""
+    """Error for a controller whose command or memory is not a finite number. The message names controller, signal and time."""
 
 
 class BudgetError(SimulationError):
-    """A run that used up its `Budget` of steps, events or seconds."""
+    """Error for a run that used up its `Budget` of steps, events or seconds."""
 
 
 class AccuracyError(SimulationError):
-    """A method that cannot reach the accuracy asked; `run` is the best it did, and its `error` says how good that is."""
+    """Error for a method that cannot reach the requested accuracy. `run` is the best run, and `run.error_estimate` its error."""
 
 
 class GrazingError(SimulationError):
-    """An event at which a run has no derivative: a guard touches zero without crossing, or two guards reach zero at one instant."""
+    """Error for an event without a derivative of the run.
+
+    A guard touches zero without crossing it, or two guards reach zero at the same instant.
+    """
 
 
-def listed(names: Iterable[str], most: int = 30) -> str:
+def joined(names: Iterable[str], most: int = 30) -> str:
     """Return names between marks for an error message: a file may hold any number of names of any length.
 
     Parameters
@@ -202,8 +208,8 @@ def listed(names: Iterable[str], most: int = 30) -> str:
 
     Examples
     --------
-    >>> from toolbox.errors import listed
-    >>> print(listed(["time", "bit.speed", "top.speed"], most=2))
+    >>> from toolbox.errors import joined
+    >>> print(joined(["time", "bit.speed", "top.speed"], most=2))
     `time`, `bit.speed` and 1 more
     """
     names = list(names)
@@ -240,4 +246,4 @@ def suggest(name: str, known: Iterable[str]) -> str:
         return "did you mean " + " or ".join(f"`{word}`" for word in near) + "?"
     if not known:
         return "none is known."
-    return f"known are {listed(known)}."
+    return f"known are {joined(known)}."

@@ -78,6 +78,11 @@ def place_of(package: str, public: Collection[str], name: str) -> str:
     """Return the sentence that says from which room or public module of a package, or of the package around a room, to import a name; empty if none has it."""
     from pkgutil import iter_modules  # here, because few programs need it
 
+    from toolbox.vocabulary import NOW  # here, too
+
+    now = NOW.get((package, name))
+    if now is not None:
+        return f"`{name}` is now `{now}`: " + (f"write `from {package} import {now}`." if now in public else place_of(package, public, now))
     around = package.rpartition(".")[0]
     if around:  # a room: what it has not may have moved to another one
         public, package = public_names(sys.modules[around]), around

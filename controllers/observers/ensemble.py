@@ -16,11 +16,15 @@ from toolbox.modelling import Observer
 
 @dataclass(frozen=True, kw_only=True)
 class Ensemble(Observer):
-    """Observer whose estimates are the means of an ensemble of strings; see `toolbox.drilling.EnsembleFilter`.
+    """Observer whose estimates are the means of an ensemble of strings. See `toolbox.drilling.EnsembleFilter`.
 
-    estimates: `bit.speed` [rad/s], `bit.torque` [N m], `top.speed` [rad/s] and `bit.friction_scale` [1], the strength of the rock over the declared one.
-    For use inside `Observed` or `OnEstimates`, sampled at `period`; it runs in Python, and the run keeps its estimates in `run.laws[0].estimates`.
-    The command is taken to act without delay.
+    Estimates:
+
+    - `bit.speed` [rad/s], `bit.torque` [N m], `top.speed` [rad/s];
+    - `bit.friction_scale` [1]: strength of the rock as a multiple of the declared strength.
+
+    Use it inside `ObserverBasedController` or `StringObserverController`, sampled at `period`. It runs in Python, and the run
+    keeps its estimates in `run.controllers[0].estimates`. It assumes that commands act without delay.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)
@@ -37,7 +41,7 @@ class Ensemble(Observer):
         check_fields(self.knowledge)
 
     def create_estimator(self, plant: HybridSystem) -> EnsembleEstimator:
-        """The estimator for the plant."""
+        """Return the estimator for the plant."""
         return EnsembleEstimator(self, plant)
 
 

@@ -26,12 +26,23 @@ GROWN = 1e-6
 
 @dataclass(frozen=True)
 class StringObserver(Observer):
-    """What the observers of a string share: the model with its disturbance, the estimates, and how a sample is integrated.
+    """Base class of the observers of a string: the model with its disturbance, the estimates, and the integration of a sample.
 
-    estimates: all states of the string by name, `top.speed`, `bit.speed` [rad/s], `top.load`, `bit.torque` [N m] and, where the plant has a
-    rock `BitRock` with exponential friction, `bit.friction_scale` [1]: the torque over that of the declared rock at the estimated speed, 0 where that is none,
-    and meaningful while the bit turns. A sample is one Runge-Kutta step of order four with measurement and command held; samples too far apart for that are
-    refused, which a Kalman filter bounds by about 2.8 J speed_noise sqrt(period) / drive_process_noise, J the inertia of the drive.
+        x_hat' = A x_hat + B u - E T_hat + L_x (w_top - w_top_hat),   T_hat' = L_T (w_top - w_top_hat)
+
+    x are twists and speeds of the string without its rock. T is the torque of the rock, an unknown disturbance modelled
+    as a random walk. Only the top speed and the torque command are measured.
+
+    Estimates:
+
+    - all states of the string by name, `top.speed` and `bit.speed` [rad/s], `top.load` and `bit.torque` [N m];
+    - for a `BitRock` with exponential friction also `bit.friction_scale` [1]: the estimated rock torque as a multiple
+      of the declared rock torque at the estimated speed. It is meaningful while the bit turns, and 0 if the declared
+      torque is 0.
+
+    A sample is one Runge-Kutta step of order four with constant measurement and command. Sample times that are too long
+    for this step raise an error. For a Kalman filter the longest is about 2.8 J speed_noise sqrt(period) /
+    drive_process_noise, with the inertia J of the drive.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)
@@ -199,20 +210,31 @@ def steady_string(A: np.ndarray, B: np.ndarray, row: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Kalman(StringObserver):
-    """Steady Kalman filter: the gain that is best for white noises of the given sizes.
+    """Stationary Kalman filter of the string: the optimal gain for white noises of given intensities.
 
-    The measurement has noise of standard deviation `speed_noise` at samples every `period`; the bit torque wanders by `torque_process_noise` in a second (the
-    square root of its variance), the drive's torque has an error of that kind of `drive_process_noise`. `design` solves the Riccati equation (scipy).
+    - `speed_noise`: standard deviation of the measured top speed, at samples every `period`.
+    - `torque_process_noise`: standard deviation of the change of the bit torque in one second. The bit torque is
+      modelled as a random walk.
+    - `drive_process_noise`: intensity of the white noise of the drive torque.
+
+    `design` solves the Riccati equation (scipy).
+
+    Estimates: all states of the string by name, `top.speed` and `bit.speed` [rad/s], `top.load` and `bit.torque` [N m].
+    For a `BitRock` with exponential friction also `bit.friction_scale` [1]: the estimated rock torque as a multiple of
+    the declared rock torque at the estimated speed.
+
     Source: R. E. Kalman, R. S. Bucy, J. Basic Eng. 83 (1961) 95-108.
     """
 
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
-    period: Quantity = quantity(0.01, "s", "sample time of that noise", above=0)
-    torque_process_noise: Quantity = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    period: Quantity = quantity(0.01, "s", "sample time of the measurement noise", above=0)
+    torque_process_noise: Quantity = quantity(
+        8000.0, "N m s^-0.5", "standard deviation of the change of the bit torque in one second", above=0
+    )
     drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
 
     def gains(self, A, B, row):
-        """L = P C' / R of the Riccati equation A P + P A' - P C' C P / R + Q = 0."""
+        """Compute the gain L = P C' / R from the Riccati equation A P + P A' - P C' C P / R + Q = 0."""
         from scipy.linalg import solve_continuous_are
 
         Q = self.drive_process_noise**2 * np.outer(B, B)
@@ -227,15 +249,17 @@ class Kalman(StringObserver):
 
 @dataclass(frozen=True)
 class DisturbanceObserver(StringObserver):
-    """Disturbance observer with all poles at -bandwidth (Ackermann's formula).
+    """Disturbance observer of the string, with all poles at -bandwidth (Ackermann's formula).
 
-    One number to tune: faster follows the rock sooner and passes more noise. Source: the pole placement is textbook (K. Ogata, Modern Control Engineering).
+    `bandwidth` is the only number to tune. A faster observer follows the rock sooner, but passes more noise.
+
+    Source: textbook (pole placement: K. Ogata, Modern Control Engineering).
     """
 
     bandwidth: Quantity = quantity(6.0, "rad/s", "distance of all poles from zero", above=0)
 
     def gains(self, A, B, row):
-        """L that makes det(s - A + L C) = (s + bandwidth)^n."""
+        """Compute the gain L with det(s - A + L C) = (s + bandwidth)^n."""
         return placed(A, row, np.poly(np.full(A.shape[0], -self.bandwidth)))
 
 

@@ -18,19 +18,28 @@ from toolbox.modelling import Observer, OptionalQuantity
 
 @dataclass(frozen=True, kw_only=True)
 class MovingHorizon(Observer):
-    """Observer that fits the last `window` periods under two constraints: the bit does not turn backwards, and its rock does not drive it.
+    """Moving-horizon observer: fits the last `window` periods with the constraints that the bit does not turn backwards and the rock does not drive
+    it.
 
         min |z_(k-N) - z-_(k-N)|^2_P + sum_(j=k-N)^(k-1) |w_j|^2_Q + sum_(j=k-N)^k |y_j - C z_j|^2_R   over z_(k-N), w
         z_(j+1) = F z_j + G u_j + w_j,   bit speed >= lowest_speed,   T >= lowest_torque at every j
 
-    z = (x, T): states of the string and torque of the rock, a wandering constant as in `Kalman`; |e|_P^2 = e' P^-1 e. The arrival cost is that of
-    the stationary filter, about what this observer predicted for the beginning of the window one sample before it. Without active limits the estimate is
-    therefore that of the Kalman filter, whatever the window. None for a limit leaves it out. An answer that does not pass the conditions of
-    Karush, Kuhn and Tucker is replaced by the correction of the filter, and counted (`failures`). A string at rest precedes the first sample.
+    z = (x, T) contains the states of the string and the torque of the rock, which is a random walk as in `Kalman`.
+    |e|_P^2 = e' P^-1 e.
 
-    estimates: as of `Kalman`.  delay: how long after its sample a command reaches the plant [s]. For use inside `Observed`, sampled at `period`; it runs in
-    Python, and the run keeps its estimates in `run.laws[0].estimates`. Source: C. V. Rao, J. B. Rawlings, D. Q. Mayne, IEEE Trans. Autom. Control 48
-    (2003) 246-258.
+    - The arrival cost is the cost of the stationary Kalman filter, around the prediction of this observer for the
+      beginning of the window. Without active limits the estimate therefore equals the estimate of the Kalman filter,
+      for every window.
+    - None for a limit removes the limit.
+    - If a solution does not satisfy its KKT conditions, the correction of the Kalman filter is used instead and counted
+      in `failures`.
+    - Before the first sample the string is assumed at rest.
+
+    The estimates are the same signals as for `Kalman`. `delay` is the time from a sample until its command reaches the
+    plant [s]. Use the observer inside `ObserverBasedController`, sampled at `period`. It runs in Python, and the run keeps
+    its estimates in `run.controllers[0].estimates`.
+
+    Source: C. V. Rao, J. B. Rawlings, D. Q. Mayne, IEEE Trans. Autom. Control 48 (2003) 246-258.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)
@@ -40,7 +49,9 @@ class MovingHorizon(Observer):
     period: Quantity = quantity(0.05, "s", "sample time", above=0, typical_range=(1e-4, 5.0))
     delay: Quantity = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
-    torque_process_noise: Quantity = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    torque_process_noise: Quantity = quantity(
+        8000.0, "N m s^-0.5", "standard deviation of the change of the bit torque in one second", above=0
+    )
     drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
     lowest_speed: OptionalQuantity = quantity(0.0, "rad/s", "lowest bit speed")
     lowest_torque: OptionalQuantity = quantity(0.0, "N m", "lowest torque of the rock; 0 keeps the friction scale from being negative")
@@ -52,7 +63,7 @@ class MovingHorizon(Observer):
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 
     def create_estimator(self, plant: HybridSystem) -> HorizonFilter:
-        """The estimator for the plant."""
+        """Return the estimator for the plant."""
         return HorizonFilter(self, plant)
 
 

@@ -13,13 +13,19 @@ from toolbox import Quantity, quantity
 
 @dataclass(frozen=True)
 class SlidingObserver(StringObserver):
-    """Sliding-mode observer with a boundary layer: the top speed is followed by a switching injection, whose mean value drives the rest.
+    """Sliding-mode observer of the string with a boundary layer: a switching injection makes the estimate follow the top speed.
 
         x_hat' = A x_hat + B u + g v,   v = size clip(e / layer, -1, 1) + reaching e,   e = w_top - w_top_hat
 
-    g has 1 for the top speed, so that on e = 0 the remaining errors decay with all poles at -bandwidth, whatever the injection. `switching_gain` must
-    exceed what the errors can do to the top speed; `reaching` brings large errors back, where a bounded injection alone would wind the estimates
-    up. Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992 (chapter on observers); gains by pole placement.
+    The entry of g for the top speed is 1. On e = 0 the remaining errors decay with all poles at -bandwidth, for any
+    injection v.
+
+    - `switching_gain` (size) must be larger than the influence of the estimation errors on the acceleration of the top.
+    - The linear term (reaching) reduces large errors. With a bounded injection alone the estimates could diverge.
+
+    Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992 (chapter on observers).
+
+    The gains are computed by pole placement.
     """
 
     bandwidth: Quantity = quantity(3.0, "rad/s", "distance of the poles on the sliding surface from zero", above=0)
@@ -28,7 +34,7 @@ class SlidingObserver(StringObserver):
     boundary_layer: Quantity = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
 
     def injection(self, error):
-        """The switching injection [rad/s2]."""
+        """Return the switching injection v [rad/s2]."""
         return self.switching_gain * ca.fmin(ca.fmax(error / self.boundary_layer, -1), 1) + self.reaching * error
 
     def slope(self):
@@ -36,7 +42,7 @@ class SlidingObserver(StringObserver):
         return self.reaching
 
     def gains(self, A, B, row):
-        """g with row g = 1 and zeros of row (s - A)^-1 g, the poles in sliding, all at -bandwidth."""
+        """Compute g such that row g = 1 and the zeros of row (s - A)^-1 g, which are the poles in sliding, are all at -bandwidth."""
         n = A.shape[0]
         # in sliding x' = (1 - g row) A x: its poles are 0 and the zeros; as L -> infinity, L = l g places n - 1 poles there
         reduced, coupling = _split(A, row)

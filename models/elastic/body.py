@@ -14,17 +14,17 @@ from models.elastic.reduced_body import ReducedBody
 from models.elastic.reduction import reduce_body
 from models.elastic.spectrum import natural_frequencies
 from toolbox import SceneError
-from toolbox.authoring import NumberOrText, array, finite_array, number, suggest
+from toolbox.authoring import NumberOrText, Renamed, array, finite_array, number, suggest
 
 AXES = "xyz"
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticBody:
+class ElasticBody(Renamed):
     """Linear elastic body M u'' + C u' + K u = f from finite elements, with its nodes and the named parts of its surface.
 
     A port is a weighted mean w^T u of displacements. If the body is joined to another part at a port, a force F on the
-    port loads the body with w F. `point`, `mean` and `rows` make ports, and `reduced` keeps the ports exactly.
+    port loads the body with w F. `point`, `mean` and `node_row_ports` make ports, and `reduced` keeps the ports exactly.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class ElasticBody:
         Matrix C [N s/m], shape (n, n). None for no damping.
     nodes
         Coordinates of the nodes [m], shape (k, 1 to 3). None if they are not known.
-    entries
+    dof_map
         Integers, shape (k, axes): the index in u of the displacement of a node along an axis, -1 if the node is held.
         By default (None) the entries of u are ordered node by node or, without nodes, one entry per node.
     faces
@@ -56,7 +56,7 @@ class ElasticBody:
     stiffness: Any
     damping: Any = None
     nodes: Any = None
-    entries: Any = None
+    dof_map: Any = None
     faces: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -74,25 +74,25 @@ class ElasticBody:
         empty = next((name for name, areas in faces.items() if not areas.any()), None)
         if empty is not None:
             raise SceneError(f"Argument `faces` must give `{empty}` areas that are not all 0.")
-        made = {"mass": mass, "stiffness": stiffness, "damping": damping, "nodes": nodes, "entries": entries, "faces": faces}
+        made = {"mass": mass, "stiffness": stiffness, "damping": damping, "nodes": nodes, "dof_map": entries, "faces": faces}
         for word, value in made.items():
             object.__setattr__(self, word, value)
 
     def _placed(self, nodes: np.ndarray | None, n: int) -> np.ndarray:
         """The entries of the nodes, checked."""
-        if self.entries is None:
+        if self.dof_map is None:
             axes = 1 if nodes is None else nodes.shape[1]
             if nodes is not None and nodes.size != n:
                 raise SceneError(
-                    f"Argument `nodes` must come with `entries`, because {n} rows are not one for each of {nodes.size} coordinates."
+                    f"Argument `nodes` must come with `dof_map`, because {n} rows are not one for each of {nodes.size} coordinates."
                 )
             return np.arange(n).reshape(-1, axes)
-        entries = np.asarray(self.entries)
+        entries = np.asarray(self.dof_map)
         if entries.dtype.kind not in "iu" or entries.ndim != 2 or (nodes is not None and len(nodes) != len(entries)):
-            raise SceneError("Argument `entries` must be whole numbers, one row for each node and one column for each axis.")
+            raise SceneError("Argument `dof_map` must be whole numbers, one row for each node and one column for each axis.")
         used = entries[entries >= 0]
         if used.size and (used.max() >= n or np.unique(used).size != used.size):
-            raise SceneError(f"Argument `entries` must name every one of {n} rows at most once, but it does not.")
+            raise SceneError(f"Argument `dof_map` must name every one of {n} rows at most once, but it does not.")
         return entries.astype(int)
 
     @classmethod
@@ -114,7 +114,7 @@ class ElasticBody:
         names
             {"mass": name of the matrix in its MAT file, ...}. Needed if a file holds several matrices.
         places
-            nodes, entries and faces, as for `ElasticBody`.
+            nodes, dof_map and faces, as for `ElasticBody`.
 
         Returns
         -------
@@ -139,7 +139,7 @@ class ElasticBody:
         """Number of entries of the displacement u."""
         return int(self.mass.shape[0])
 
-    def on(self, face: str) -> np.ndarray:
+    def face_nodes(self, face: str) -> np.ndarray:
         """Return the indices of the nodes of a face, ordered by x, then y, then z. Raises SceneError if the body has no face of this name."""
         if face not in self.faces:
             raise SceneError(f"There is no face `{face}`: {suggest(face, self.faces)}")
@@ -148,16 +148,16 @@ class ElasticBody:
 
     def clamped(self, nodes: str | Iterable[int], axes: str = AXES) -> ElasticBody:
         """Return the body with some nodes, or all nodes of a face, held along the given axes, such as "z" or "xyz"."""
-        chosen = self.on(nodes) if isinstance(nodes, str) else self._nodes(nodes)
-        columns = [self._axis(axis) for axis in axes if axes != AXES or AXES.index(axis) < self.entries.shape[1]]
-        held = self.entries[chosen][:, columns]
+        chosen = self.face_nodes(nodes) if isinstance(nodes, str) else self._nodes(nodes)
+        columns = [self._axis(axis) for axis in axes if axes != AXES or AXES.index(axis) < self.dof_map.shape[1]]
+        held = self.dof_map[chosen][:, columns]
         free = np.ones(self.size, bool)
         free[held[held >= 0]] = False
         if not free.any():
             raise SceneError("Argument `nodes` must leave a part of the body free, but all of it is held.")
         number = np.append(np.where(free, np.cumsum(free) - 1, -1), -1)
         matrices = {word: getattr(self, word)[free][:, free] for word in ("mass", "stiffness", "damping")}
-        return replace(self, **matrices, entries=number[self.entries])
+        return replace(self, **matrices, dof_map=number[self.dof_map])
 
     def point(self, node: int, axis: str) -> np.ndarray:
         """Return the port that is the displacement of one node along an axis, shape (n,)."""
@@ -167,10 +167,10 @@ class ElasticBody:
         """Return the port that is the area-weighted mean displacement of a face along an axis, shape (n,). A force on this port is a uniform
         traction.
         """
-        chosen = self.on(face)
+        chosen = self.face_nodes(face)
         return self._weighted(chosen, self.faces[face][chosen], axis)
 
-    def rows(self, face: str, along: str, axis: str) -> list[np.ndarray]:
+    def node_row_ports(self, face: str, along: str, axis: str) -> list[np.ndarray]:
         """Return one port for each row of nodes of a face: the mean displacement of the row along `axis`.
 
         A row consists of the nodes with the same coordinate `along` an axis. The rows are in the order of this
@@ -178,8 +178,8 @@ class ElasticBody:
         """
         return [self._weighted(row, self.faces[face][row], axis) for row in self._rows(face, along)]
 
-    def row_areas(self, face: str, along: str) -> np.ndarray:
-        """Return the areas [m2] of the rows of a face, in the order of `rows`.
+    def node_row_areas(self, face: str, along: str) -> np.ndarray:
+        """Return the areas [m2] of the rows of a face, in the order of `node_row_ports`.
 
         An area times a pressure is the normal load of the row on a smooth plate under uniform pressure.
         """
@@ -188,7 +188,7 @@ class ElasticBody:
     def _rows(self, face: str, along: str) -> list[np.ndarray]:
         if self.nodes is None:
             raise SceneError("Argument `nodes` must be given for a body that is divided into rows.")
-        chosen = self.on(face)
+        chosen = self.face_nodes(face)
         place = self.nodes[chosen, self._axis(along)]
         _, row = np.unique(np.round(place / max(np.ptp(place), 1e-300), 9), return_inverse=True)
         return [chosen[row == i] for i in range(row.max() + 1)]
@@ -226,7 +226,7 @@ class ElasticBody:
         return reduce_body(self.mass, self.damping, self.stiffness, ports, number("band", band, "Hz", at_least=0), tolerance)
 
     def _weighted(self, nodes: np.ndarray, weights: np.ndarray, axis: str) -> np.ndarray:
-        entries = self.entries[self._nodes(nodes), self._axis(axis)]
+        entries = self.dof_map[self._nodes(nodes), self._axis(axis)]
         if (entries < 0).all():
             raise SceneError(f"Argument `axis` must be one along which a node of the port is free, but all are held along {axis}.")
         port = np.zeros(self.size)
@@ -235,12 +235,12 @@ class ElasticBody:
 
     def _nodes(self, nodes: Iterable[int]) -> np.ndarray:
         chosen = np.asarray(list(nodes))
-        if not chosen.size or chosen.dtype.kind not in "iu" or chosen.min() < 0 or chosen.max() >= len(self.entries):
-            raise SceneError(f"Argument `nodes` must be numbers of nodes from 0 to {len(self.entries) - 1}, but it is {nodes!r}.")
+        if not chosen.size or chosen.dtype.kind not in "iu" or chosen.min() < 0 or chosen.max() >= len(self.dof_map):
+            raise SceneError(f"Argument `nodes` must be numbers of nodes from 0 to {len(self.dof_map) - 1}, but it is {nodes!r}.")
         return chosen
 
     def _axis(self, axis: str) -> int:
-        known = AXES[: self.entries.shape[1]]
+        known = AXES[: self.dof_map.shape[1]]
         if not isinstance(axis, str) or len(axis) != 1 or axis not in known:
             raise SceneError(f"Argument `axis` must be one of {', '.join(known)}, but it is {axis!r}.")
         return known.index(axis)

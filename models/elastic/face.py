@@ -41,11 +41,11 @@ class ElasticFace(ContactBody):
     )
     loads: OptionalQuantities = quantity(None, "N", "given normal load of every contact, in place of `normal`", at_least=0)
     gap: OptionalQuantities = quantity(None, "m", "gap of every contact at q = 0; none without")
-    normal_sign: Quantity = quantity(-1.0, "1", "-1 where a positive normal displacement opens the contact, 1 where it closes it")
+    normal_sign: Quantity = quantity(-1.0, "1", "-1 if a positive normal displacement opens the contact, 1 if it closes the contact")
     force_ports: tuple[str, ...] = field(default=(), metadata={"meaning": "ports on which forces act"})
-    support_port: str | None = field(default=None, metadata={"meaning": "the port that spring and damper hold"})
-    stiffness: Quantity = quantity(0.0, "N/m", "spring to ground at `support_port`", at_least=0)
-    damping: Quantity = quantity(0.0, "N s/m", "damper to ground at `support_port`", at_least=0)
+    support_port: str | None = field(default=None, metadata={"meaning": "port on which spring and damper act"})
+    support_stiffness: Quantity = quantity(0.0, "N/m", "spring to ground at `support_port`", at_least=0)
+    support_damping: Quantity = quantity(0.0, "N s/m", "damper to ground at `support_port`", at_least=0)
     friction: FrictionLaw = Coulomb(0.35, 0.35)
 
     def check(self):
@@ -53,14 +53,18 @@ class ElasticFace(ContactBody):
             raise SceneError(f"Argument `body` must be a ReducedBody, as `ElasticBody.reduced` makes it, but it is {self.body!r}.")
         if (self.normal is None) == (self.loads is None):
             raise SceneError("Either `normal` must be given, for contacts that open and close, or `loads`, and not both.")
-        if self.support_port is None and (self.stiffness or self.damping):
+        if self.support_port is None and (self.support_stiffness or self.support_damping):
             raise SceneError(
-                "Arguments `stiffness` and `damping` must come with `support_port`, the port on which they act, but there is none."
+                "Arguments `support_stiffness` and `support_damping` must come with `support_port`, the port on which they act, but there is none."
             )
 
     def problem(self) -> ContactProblem:
         check_fields(self)
-        body = self.body if self.support_port is None else self.body.mounted({self.support_port: (self.stiffness, self.damping)})
+        body = (
+            self.body
+            if self.support_port is None
+            else self.body.mounted({self.support_port: (self.support_stiffness, self.support_damping)})
+        )
         return body.in_contact(
             self.friction, self.tangent, self.normal, closing=self.normal_sign, load=self.loads, gap=self.gap, pushed=self.force_ports
         )

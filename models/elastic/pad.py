@@ -59,7 +59,7 @@ class ElasticPad(Component):
 
     @property
     def _body(self) -> ReducedBody:
-        return self.body.moved
+        return self.body.controllable_body
 
     def equations(self, signal):
         n, along, into = self._body.size, self._body.indices("along"), self._body.indices("into")
@@ -104,7 +104,7 @@ class ElasticPad(Component):
         coefficient = float(self.friction.sliding(ca.SX(abs(self.disc_speed)))) if friction is None else friction
         return math.copysign(coefficient, self.disc_speed)
 
-    def pressed(self, friction: float | None = None, push: float = 0.0) -> np.ndarray:
+    def steady_sliding_displacement(self, friction: float | None = None, push: float = 0.0) -> np.ndarray:
         """Compute the displacements at steady sliding, as a start for runs.
 
         For a positive disc speed the friction of the disc pulls the pad in the direction of positive x.
@@ -153,7 +153,7 @@ class ElasticPad(Component):
     def poles(self, friction: float | None = None) -> np.ndarray:
         """Compute the eigenvalues of steady sliding with constant friction, with all closed contacts slipping.
 
-        The set of closed contacts is taken from `pressed`.
+        The set of closed contacts is taken from `steady_sliding_displacement`.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class ElasticPad(Component):
         """
         along, into = self._body.indices("along"), self._body.indices("into")
         mu = self._coefficient(friction)
-        closed = self.pressed(friction)[into] + np.asarray(self.initial_approach) > 0
+        closed = self.steady_sliding_displacement(friction)[into] + np.asarray(self.initial_approach) > 0
         stiffness, damping = self._body.stiffness.copy(), self._body.damping.copy()
         for i in np.flatnonzero(closed):
             for matrix, contact in ((stiffness, self.contact_stiffness), (damping, self.contact_damping)):

@@ -153,18 +153,18 @@ class ReducedBody(Renamed):
             raise SceneError(f"There is no port `{port}`: {suggest(port, self.ports)}")
         return self.ports.index(port)
 
-    def indices(self, start: str) -> list[int]:
-        """Return the coordinates of the ports `start.0`, `start.1` and so on, in order. Raises SceneError if no port has such a name."""
+    def indices(self, prefix: str) -> list[int]:
+        """Return the coordinates of the ports `prefix.0`, `prefix.1` and so on, in order. Raises SceneError if no port has such a name."""
         found: list[int] = []
-        while f"{start}.{len(found)}" in self.ports:
-            found.append(self.ports.index(f"{start}.{len(found)}"))
+        while f"{prefix}.{len(found)}" in self.ports:
+            found.append(self.ports.index(f"{prefix}.{len(found)}"))
         if not found:
             starts = {port.rpartition(".")[0] for port in self.ports} - {""}
-            raise SceneError(f"There are no ports `{start}.0`, `{start}.1`, ...: {suggest(start, starts)}")
+            raise SceneError(f"There are no ports `{prefix}.0`, `{prefix}.1`, ...: {suggest(prefix, starts)}")
         return found
 
     @functools.cached_property
-    def moved(self) -> ReducedBody:
+    def controllable_body(self) -> ReducedBody:
         """Return the body without modes that no force on its ports can move, such as modes that a symmetry keeps at rest: their motion would
         be round-off."""
         p, size = len(self.ports), np.sqrt(np.diag(self.mass))

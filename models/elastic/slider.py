@@ -20,7 +20,7 @@ class ElasticSlider(Component):
 
     Each contact is a port of the reduced body (`contact.0`, `contact.1`, ...): the mean displacement of a node, a row
     or a patch along the plate. Each contact sticks and slips independently under its own constant normal load. The
-    loads come from a static analysis: `ElasticBody.row_areas` times a pressure, or the normal forces of
+    loads come from a static analysis: `ElasticBody.node_row_areas` times a pressure, or the normal forces of
     `toolbox.contacts.press_contacts`.
 
     The spring and the damper act on the port `support_port`. Their defaults and the default friction are the same as
@@ -60,7 +60,7 @@ class ElasticSlider(Component):
         self.body.index(self.support_port)
 
     def equations(self, signal):
-        body = self.body.moved
+        body = self.body.controllable_body
         n, contacts, held = body.size, body.indices("contact"), body.index(self.support_port)
         shift = np.eye(n)  # q = shift z
         shift[[contact for contact in contacts if contact != held], held] = 1.0

@@ -88,7 +88,7 @@ def cones(draw: np.random.Generator) -> str:
     one = simulate(plant, 10.0, inputs=inputs, accuracy=1e-7, method="explicit")
     other = simulate(plant, 10.0, inputs=inputs, accuracy=1e-9, method="taylor" if n == 1 else "stiff")
     times = np.linspace(0.0, 10.0, 101)
-    return within(one.at(times)["table.q"], other.at(times)["table.q"], one.error + other.error + 1e-7)
+    return within(one.at(times)["table.q"], other.at(times)["table.q"], one.error_estimate + other.error_estimate + 1e-7)
 
 
 def faces(draw: np.random.Generator) -> str:
@@ -133,7 +133,9 @@ def lanes(draw: np.random.Generator) -> str:
     runs = [simulate(loop.at(name, value), duration) for value in values]
     alone = [sweep(loop, {name: [value]}, duration=duration, metrics="severity") for value in values]
     return within(
-        np.ravel(found["severity"]), np.concatenate([np.ravel(each["severity"]) for each in alone]), max(run.error for run in runs) + 1e-6
+        np.ravel(found["severity"]),
+        np.concatenate([np.ravel(each["severity"]) for each in alone]),
+        max(run.error_estimate for run in runs) + 1e-6,
     )
 
 
@@ -145,7 +147,7 @@ def speed_of(plant: Any) -> str:
 def borders(draw: np.random.Generator) -> str:
     """Verdicts at a random set-point."""
     drawn = well(int(draw.integers(10_000)), 7)
-    found = onset(drawn.loop, "top.reference", (2.0, 14.0), values=3)
+    found = onset(drawn.loop, "top.reference", (2.0, 14.0), num_values=3)
     value = draw.uniform(2.2, 13.8)
     near = min((abs(border.value - value) / value for _, border in found.borders), default=1.0)
     if near < 0.03:

@@ -48,11 +48,11 @@ class Face:
 def rows(band: float) -> Face:
     """Eleven rows that slide along the pull under loads from statics."""
     body = cube((10, 4, 4), damping_time=1e-6).clamped("bottom", "yz")
-    ports = {f"x.{i}": row for i, row in enumerate(body.rows("bottom", "x", "x"))} | {"back": body.mean("left", "x")}
-    areas = body.row_areas("bottom", "x")
+    ports = {f"x.{i}": row for i, row in enumerate(body.node_row_ports("bottom", "x", "x"))} | {"back": body.mean("left", "x")}
+    areas = body.node_row_areas("bottom", "x")
     return Face(
         "11 rows",
-        body.reduced(ports, band).moved,
+        body.reduced(ports, band).controllable_body,
         {"tangent": ("x",), "load": PRESSURE * areas, "force_ports": ("back",), "contact_areas": areas},
         {},
     )
@@ -61,7 +61,7 @@ def rows(band: float) -> Face:
 def nodes(divisions: tuple[int, int, int], band: float) -> Face:
     """Every node of the face, with its own pressure and two directions of slip."""
     body = cube(divisions, damping_time=1e-6)
-    face = body.on("bottom")
+    face = body.face_nodes("bottom")
     ports = {f"{axis}.{i}": body.point(node, axis) for axis in "xyz" for i, node in enumerate(face)}
     ports |= {"back": body.mean("left", "x"), "top": body.mean("top", "z")}
     options = {

@@ -63,7 +63,11 @@ SLOW = ("BrakeMPC", "LinearMPC", "NonlinearMPC")
 def shipped() -> dict[str, Any]:
     """{name: class} of all controllers that the package ships."""
     found = {name: getattr(controllers, name) for name in controllers.__all__}
-    return {name: kind for name, kind in found.items() if isinstance(kind, type) and issubclass(kind, Controller) and name != "OnEstimates"}
+    return {
+        name: kind
+        for name, kind in found.items()
+        if isinstance(kind, type) and issubclass(kind, Controller) and name != "StringObserverController"
+    }
 
 
 def plain(name: str) -> Any:
@@ -116,7 +120,7 @@ def trial(seed: int, index: int) -> tuple[str, Any, Any, float | None, float]:
         name = str(random.choice([each for each in names if each not in SLOW]))
     law = plain(name)
     if name in ("LQR", "SlidingMode", "SuperTwisting") and random.random() < 0.3:
-        law = controllers.OnEstimates(law, observers.Kalman(), delay_samples=int(random.integers(3)))
+        law = controllers.StringObserverController(law, observers.Kalman(), delay_samples=int(random.integers(3)))
     continuous = type(law).continuous is not Controller.continuous and random.random() < 0.25
     period = None if continuous else float(random.choice([0.001, 0.01, 0.1, 1.0]))
     if name in SLOW:
@@ -176,7 +180,7 @@ def in_python(law: Any, carried_out: Any) -> tuple[str, str]:
 
 def gains(random: np.random.Generator, loop: ClosedLoop) -> dict[str, float]:
     """Other numbers of the controller of a loop, by name."""
-    values, known = loop.assembly.system, loop.numbers()
+    values, known = loop.assembly.system, loop.variable_numbers()
     names = [entry for entry in values.parameters.values() if not loop.plant.has_parameter(entry.name) and entry.size is None]
     # no sample time, and nothing that a design reads
     names = [entry for entry in names if entry.name in known and known[entry.name].kind is PARAMETER]

@@ -4,11 +4,11 @@ Random machines (`studies.benchmarks.rubbing_machines`) are run by the methods e
 1e-5 to 1e-8, and compared with `studies.benchmarks.enumerated_modes` at 101 times. Every run is
 
     right       states agree within ten times the accuracy asked, relative to their size over the run; where the difference exceeds the accuracy and 1e-8,
-                `run.error` is at least a hundredth of it
-    foretold    they do not, but `run.error` said so, to a hundredth of it
-    wrong       they do not, or `run.error` is silent
+                `run.error_estimate` is at least a hundredth of it
+    foretold    they do not, but `run.error_estimate` said so, to a hundredth of it
+    wrong       they do not, or `run.error_estimate` is silent
     refused     the run ends in an error, though the reference goes through
-    hanging     it spends its budget of steps or seconds, or the second run of `run.error` does
+    hanging     it spends its budget of steps or seconds, or the second run of `run.error_estimate` does
     crash       an exception that is none of the toolbox's own, or a process that dies
     left out    the reference alone cannot say: two sets of modes agree with the forces at some event, or, asked where a run is not right, its results at
                 1e-12 and 1e-10 disagree
@@ -102,11 +102,11 @@ def judged(plant: HybridSystem, one: Trial, right: np.ndarray, times: np.ndarray
     if error > max(how["accuracy"], 1e-8):
         began = clock.perf_counter()
         try:
-            said = run.error
+            said = run.error_estimate
         except SimulationError as failed:
-            return found | {"end": "hanging", "words": f"run.error: {failed}"}
+            return found | {"end": "hanging", "words": f"run.error_estimate: {failed}"}
         if clock.perf_counter() - began > BUDGET.seconds:
-            return found | {"end": "hanging", "words": f"run.error took {clock.perf_counter() - began:.3g} s"}
+            return found | {"end": "hanging", "words": f"run.error_estimate took {clock.perf_counter() - began:.3g} s"}
         foretold = said >= error / 100
         end = ("right" if error <= 10 * how["accuracy"] else "foretold") if foretold else "wrong"
         return found | {"end": end, "error": error, "said": said}

@@ -122,7 +122,7 @@ class Reference:
             static[k] = pressed * high
             if law == "Coulomb":
                 kinetic[k] = pressed * low
-            elif law == "Drop":
+            elif law == "StepFriction":
                 kinetic[k] = pressed * (low if self.beyond[k] else high)
             else:
                 kinetic[k] = pressed * (low + (high - low) * math.exp(min(-self.mode[k] * slip[k] / speed, 30.0)))
@@ -186,7 +186,7 @@ class Reference:
                 found["under", k] = static[k] + force[k], static[k] + abs(force[k])
                 continue
             found["slip", k] = self.mode[k] * slip[k], SMALL
-            if k < len(self.rubs) and self.rubs[k][2] == "Drop":
+            if k < len(self.rubs) and self.rubs[k][2] == "StepFriction":
                 over = self.mode[k] * slip[k] - machine.speed[k]  # type: ignore[index]
                 found["break", k] = over if self.beyond[k] else -over, SMALL
         for i in range(len(self.walls)):

@@ -237,7 +237,7 @@ def smeared(case: Extreme) -> tuple[ca.Function, np.ndarray]:
     """(t, x) -> x' with friction tanh(v / 1e-4 of the speed), and the start."""
     if any(e.rigid for e in case.plant.elements):
         raise NotImplementedError("no impacts")
-    plant = smoothed(case.plant, 1e-4 * case.speed, matched=False)
+    plant = smoothed(case.plant, 1e-4 * case.speed, match_static_peak=False)
     start, u = _numbers(case)
     field = ca.substitute(
         plant.switched_equations.field, ca.vertcat(plant.u, plant.p, plant.m), ca.vertcat(u, plant.values, np.ones(plant.m.numel()))

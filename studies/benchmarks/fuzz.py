@@ -52,15 +52,15 @@ from models import (
     Coulomb,
     CubicStribeck,
     DragBit,
-    Drop,
     ElasticRock,
     Exponential,
     Hyperbolic,
     HystereticBitRock,
     SmoothBitRock,
+    SmoothStepFriction,
+    StepFriction,
     TopDrive,
     TorsionalChain,
-    Transition,
     wells,
 )
 from studies.benchmarks import fuzz_sections
@@ -104,8 +104,8 @@ LAWS: tuple[FrictionLaw, ...] = (
     Exponential(static=0.8, kinetic=0.5, decay=0.9),
     Hyperbolic(static=1.0, decay=3.0),
     CubicStribeck(),
-    Drop(),
-    Transition(),
+    StepFriction(),
+    SmoothStepFriction(),
 )
 
 
@@ -200,7 +200,7 @@ def _network(random: np.random.Generator, label: str) -> Structure:
 
 ROCKS: tuple[Component, ...] = (
     BitRock(weight=97_347.0),
-    BitRock(weight=97_347.0, friction=Drop(static=0.8, kinetic=0.5)),
+    BitRock(weight=97_347.0, friction=StepFriction(static=0.8, kinetic=0.5)),
     BitRock(weight=97_347.0, friction=Coulomb(static=0.8, kinetic=0.5)),
     HystereticBitRock(weight=97_347.0),
     SmoothBitRock(weight=97_347.0),
@@ -315,7 +315,7 @@ def findings(run: Trajectory, again: Any) -> Iterator[tuple[str, str]]:
     if not np.isfinite(run.states).all():
         yield "nan", "a state is not finite"
         return
-    if run.error > 0.1:
+    if run.error_estimate > 0.1:
         return  # the run says that it cannot be computed
     system = run.program.system
     for i, element in enumerate(system.elements):
@@ -343,17 +343,17 @@ def findings(run: Trajectory, again: Any) -> Iterator[tuple[str, str]]:
         if (over > allowed).any() and np.abs(run.states).max() < LARGEST:
             yield "bound", f"`{element.name}` holds {float(over.max()):.3g} more than its bound"
     audit = energy_audit(run)
-    if system.stored and 1e-30 < audit.turnover < 1e30 and audit.relative > 1e3 * ACCURACY and run.error < 10 * ACCURACY:
+    if system.stored and 1e-30 < audit.turnover < 1e30 and audit.relative > 1e3 * ACCURACY and run.error_estimate < 10 * ACCURACY:
         better = energy_audit(again(accuracy=ACCURACY / 100)).relative
         if better > 0.1 * audit.relative:
             yield (
                 "energy",
-                f"audit closes to {audit.relative:.2g} of {audit.turnover:.3g} J, error {run.error:.2g}; at accuracy/100 to {better:.2g}",
+                f"audit closes to {audit.relative:.2g} of {audit.turnover:.3g} J, error {run.error_estimate:.2g}; at accuracy/100 to {better:.2g}",
             )
     other = again(method="stiff")
     apart = run.difference(other)
-    if apart > 10 * ACCURACY and apart > 10 * (run.error + other.error):
-        yield "wrong", f"event and stiff differ by {apart:.2g}, errors said {run.error:.2g} and {other.error:.2g}"
+    if apart > 10 * ACCURACY and apart > 10 * (run.error_estimate + other.error_estimate):
+        yield "wrong", f"event and stiff differ by {apart:.2g}, errors said {run.error_estimate:.2g} and {other.error_estimate:.2g}"
 
 
 def _terms(slip: ca.SX) -> ca.SX:

@@ -19,8 +19,8 @@ from toolbox.calibration import Recording
 
 INERTIA, LEVEL, VISCOUS, OFFSET = 0.02, 0.3, 0.05, 0.05
 TIME = np.arange(0.0, 3.0, 0.01)
-TRUE = Joint(inertia=INERTIA, offset=OFFSET, friction=Viscous(Coulomb(LEVEL, LEVEL), VISCOUS))
-TRUTH = {"joint.inertia": INERTIA, "joint.offset": OFFSET, "bearing.friction.dry.static": LEVEL, "bearing.friction.viscous": VISCOUS}
+TRUE = Joint(inertia=INERTIA, torque_offset=OFFSET, friction=Viscous(Coulomb(LEVEL, LEVEL), VISCOUS))
+TRUTH = {"joint.inertia": INERTIA, "joint.torque_offset": OFFSET, "bearing.friction.dry.static": LEVEL, "bearing.friction.viscous": VISCOUS}
 TWO = {
     "joint.inertia": INERTIA, "bearing.friction.forward.dry.static": 0.3, "bearing.friction.backward.dry.static": 0.45,
     "bearing.friction.forward.viscous": 0.05, "bearing.friction.backward.viscous": 0.07,
@@ -34,7 +34,9 @@ def moved(torque: np.ndarray | None, held: bool = False, joint: Any = TRUE, spee
     plant = compose(joint)
     inputs: Any = {}
     if torque is not None:
-        inputs = Recording.of({"time": TIME, "joint.torque": torque}, plant, held=["joint.torque"] if held else []).driving(plant)
+        inputs = Recording.of({"time": TIME, "joint.torque": torque}, plant, zero_order_hold=["joint.torque"] if held else []).driving(
+            plant
+        )
     return simulate(plant, TIME[-1], inputs=inputs, start={"joint.speed": speed}, output_times=TIME, accuracy=1e-9)
 
 
@@ -63,7 +65,7 @@ def held_commands(random: Any) -> tuple[Any, dict[str, float], dict[str, Any]]:
 def pulses(random: Any) -> tuple[Any, dict[str, float], dict[str, Any]]:
     """Pulses of both signs with pauses, held."""
     torque = np.repeat(random.permutation(np.tile([1.0, 0.0, -0.9, 0.0, 1.4], 4)), 15).astype(float)
-    return _log(moved(torque, held=True), torque, random.standard_normal(TIME.size)), TRUTH, {"held": "joint.torque"}
+    return _log(moved(torque, held=True), torque, random.standard_normal(TIME.size)), TRUTH, {"zero_order_hold": "joint.torque"}
 
 
 def quantised_position(random: Any) -> tuple[Any, dict[str, float], dict[str, Any]]:
@@ -93,7 +95,7 @@ def coast_down(random: Any) -> tuple[Any, dict[str, float], dict[str, Any]]:
 def steady_speeds(random: Any) -> tuple[Any, dict[str, float], dict[str, Any]]:
     """Steady speeds one after another, the torque held."""
     torque = np.repeat(random.permutation([0.7, -0.8, 1.0, -1.1, 1.3]), 60)
-    return _log(moved(torque, held=True), torque, random.standard_normal(TIME.size)), TRUTH, {"held": "joint.torque"}
+    return _log(moved(torque, held=True), torque, random.standard_normal(TIME.size)), TRUTH, {"zero_order_hold": "joint.torque"}
 
 
 def steady_points(random: Any) -> tuple[Any, dict[str, float], dict[str, Any]]:
@@ -162,9 +164,9 @@ def beside_scipy() -> list[str]:
         torque = np.repeat(random.uniform(-4.0, 4.0, 60) * level, 5)
         data = {"time": TIME, "joint.torque": torque,
                 "joint.speed": exact(np.array(numbers), torque, 0.0) + SPEED_NOISE * random.standard_normal(TIME.size)}  # fmt: skip
-        identify(data, "Joint", held="joint.torque")  # compiles
+        identify(data, "Joint", zero_order_hold="joint.torque")  # compiles
         began = clock.process_time()
-        found = identify(data, "Joint", held="joint.torque")
+        found = identify(data, "Joint", zero_order_hold="joint.torque")
         own = clock.process_time() - began
 
         def left(z: np.ndarray, data: Any = data, torque: np.ndarray = torque) -> np.ndarray:

@@ -168,13 +168,15 @@ def _of_law(contact: str, law: Sequence[float]) -> dict[str, float]:
 
 def cases() -> dict[str, Case]:
     """{label: case}."""
-    rail, bearing, held = "rail.friction.", "bearing.friction.", {"plant": "Joint", "held": "joint.torque"}
-    found = {"EMPS": Case(emps(), {"axis.mass": MASS, f"{rail}viscous": VISCOUS, f"{rail}dry.static": LEVEL, "axis.offset": OFFSET}, {})}
+    rail, bearing, held = "rail.friction.", "bearing.friction.", {"plant": "Joint", "zero_order_hold": "joint.torque"}
+    found = {
+        "EMPS": Case(emps(), {"axis.mass": MASS, f"{rail}viscous": VISCOUS, f"{rail}dry.static": LEVEL, "axis.force_offset": OFFSET}, {})
+    }
     for label, (inertia, viscous, ahead, back) in PUMA.items():
         truth = {"joint.inertia": inertia, f"{bearing}forward.dry.static": ahead, f"{bearing}backward.dry.static": back,
                  f"{bearing}forward.viscous": viscous, f"{bearing}backward.viscous": viscous}  # fmt: skip
         found[label] = Case(puma(inertia, viscous, ahead, back), truth, {**held, "directions": True})
-    names = "joint.inertia", f"{bearing}viscous", f"{bearing}dry.static", "joint.offset"
+    names = "joint.inertia", f"{bearing}viscous", f"{bearing}dry.static", "joint.torque_offset"
     log = turned(TX40[:3], two_sines(30.0, 2e-3, 4.0), 2e-3, 2e-5, offset=TX40[3])
     found["TX40, joint 1"] = Case(log, dict(zip(names, TX40, strict=True)), held)
     step = 2.0 * math.pi / 4096.0
@@ -182,9 +184,9 @@ def cases() -> dict[str, Case]:
     found["MX-64, M1"] = Case(log, dict(zip(names, (*MX64, 0.0), strict=True)), held)
     load = 2.0 + 2.0 * np.sin(0.9 * 5e-3 * np.arange(1200))
     log = turned(MX106[:3], two_sines(1.5, 5e-3, 6.0), 5e-3, step, load, MX106[3])
-    truth = {**dict(zip(names, (*MX106[:3], 0.0), strict=True)), "joint.load_share": MX106[3] / MX106[2]}
+    truth = {**dict(zip(names, (*MX106[:3], 0.0), strict=True)), "joint.load_sensitivity": MX106[3] / MX106[2]}
     columns = {name: name for name in log}
-    found["MX-106, M3"] = Case(log, truth, {"plant": "Joint", "held": ["joint.torque", "joint.load"], "columns": columns})
+    found["MX-106, M3"] = Case(log, truth, {"plant": "Joint", "zero_order_hold": ["joint.torque", "joint.load"], "columns": columns})
     speed = np.geomspace(0.05, 6.0, 40)
     found["MX-64, M2"] = Case(steady(speed, stribeck(speed, MX64_STRIBECK, 3.0)), _of_law("bearing", MX64_STRIBECK), {"plant": "Joint"},
                               lambda v: stribeck(v, MX64_STRIBECK, 3.0))  # fmt: skip
@@ -234,7 +236,7 @@ def main() -> None:
     for label, case in cases().items():
         report(label, case)
     if options.shift:
-        report("EMPS, free shift", cases()["EMPS"], shifts="axis.force")
+        report("EMPS, free shift", cases()["EMPS"], delayed_signals="axis.force")
 
 
 if __name__ == "__main__":

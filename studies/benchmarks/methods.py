@@ -39,7 +39,7 @@ class Pair:
     @property
     def sensitive(self) -> bool:
         """Whether the motion forgets its start."""
-        return self.explicit.error > SENSITIVE
+        return self.explicit.error_estimate > SENSITIVE
 
     @property
     def same_switches(self) -> bool:
@@ -92,7 +92,7 @@ def line(pair: Pair, turns: int) -> str:
     explicit, ratio = pair.ratio(turns)
     counts = f"{len(pair.explicit.events):7d}{len(pair.default.events):7d}"
     said = "sensitive" if pair.sensitive else "" if pair.same_switches else "OTHER SWITCHES"
-    errors = f"{pair.explicit.error:10.1e}{pair.default.error:10.1e}"
+    errors = f"{pair.explicit.error_estimate:10.1e}{pair.default.error_estimate:10.1e}"
     return f"{pair.title[:48]:<48}{pair.default.states.shape[1]:4d}{counts}{pair.shift:10.1e}{errors}{1e3 * explicit:10.3f}{ratio:7.2f}  {said}"
 
 

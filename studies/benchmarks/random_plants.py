@@ -73,7 +73,7 @@ def main(seed: int = 1, runs: int = 1000) -> None:
         ratios = []
         for _ in range(runs):
             plant, duration, arguments = kind(random)
-            ratios.append(simulate(plant, duration, accuracy=ACCURACY, **arguments).error / ACCURACY)
+            ratios.append(simulate(plant, duration, accuracy=ACCURACY, **arguments).error_estimate / ACCURACY)
         kept = np.mean(np.array(ratios) <= 10.0)
         print(
             f"{kind.__name__:<8}{runs:7d}{np.median(ratios):10.2g}{np.quantile(ratios, 0.9):10.2g}{max(ratios):10.2g}   {100 * kept:.1f} %"

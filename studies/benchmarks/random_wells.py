@@ -114,7 +114,7 @@ def rested(well: Well, speed: float) -> dict[str, Any]:
         for law in loop.controllers
     ]
     rest = equilibrium(closed_loop(loop.plant, *laws, inputs=loop.inputs))
-    remembered = [name for name, number in loop.numbers().items() if number.is_start and not loop.plant.has_signal(name)]
+    remembered = [name for name, number in loop.variable_numbers().items() if number.is_start and not loop.plant.has_signal(name)]
     return {name: rest[name] for name in (*loop.plant.states, *remembered) if name in rest}
 
 
@@ -129,7 +129,7 @@ def growth(well: Well, value: float) -> float:
 
 def row(well: Well) -> tuple[str, bool]:
     """The line of a well, and whether the measures agree."""
-    found, took = timed(lambda: onset(well.loop.at("top.reference", 8.0), "top.reference", RANGE, values=9), clock=perf_counter)
+    found, took = timed(lambda: onset(well.loop.at("top.reference", 8.0), "top.reference", RANGE, num_values=9), clock=perf_counter)
     text, agree = f"{well.label:<40}{took:>7.1f} s", True
     if found.losses:
         loss = found.loss

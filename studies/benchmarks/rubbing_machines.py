@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from models import Coulomb, Drop, Exponential
+from models import Coulomb, Exponential, StepFriction
 from toolbox import Component, Controller, DryFriction, Equations, Quantity, UnilateralContact, Update, quantity, state
 from toolbox.inputs import sine
 from toolbox.modelling import Hysteresis, OptionalQuantities, Quantities, Relay
@@ -24,7 +24,7 @@ class Machine(Component):
     """Masses in a row on springs, with contacts.
 
     m_i v_i' = -k_i x_i - d_i v_i + springs to both neighbours + push_i + contacts.  Every contact is a row of words:
-    rubs     "body against law load": against is ground, belt or a body; law is Coulomb, Exponential or Drop; load is one, input or the number of a wall
+    rubs     "body against law load": against is ground, belt or a body; law is Coulomb, Exponential or StepFriction; load is one, input or the number of a wall
     relays   "body against": on the surface v + lean x of the body, relative to another one unless that is ground
     walls    "body against": closes where x of the body, less that of another one, exceeds the gap
     switches "read body pushed": memory of a speed, a position or the input `machine.signal`; the body `pushed` gets a kick while it is on
@@ -94,7 +94,7 @@ class Machine(Component):
             laws = {
                 "Coulomb": lambda i: Coulomb(static=self.static[i], kinetic=self.kinetic[i]),
                 "Exponential": lambda i: Exponential(static=self.static[i], kinetic=self.kinetic[i], decay=1.0 / self.speed[i]),
-                "Drop": lambda i: Drop(static=self.static[i], kinetic=self.kinetic[i], drop_speed=self.speed[i]),
+                "StepFriction": lambda i: StepFriction(static=self.static[i], kinetic=self.kinetic[i], drop_speed=self.speed[i]),
             }
             pressed = (
                 elements[int(load)].force if load.isdigit() else signal(f"machine.load{i}", "1", default=1.0) if load == "input" else 1.0
@@ -167,7 +167,7 @@ def layout(seed: int, number: int) -> dict[str, tuple[str, ...]]:
     random = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
     n = int(random.integers(2, 4)) if kind in ("relays", "rubbing pairs", "everything") else int(random.integers(1, 4))
-    all_laws = ["Coulomb", "Exponential", "Drop"]
+    all_laws = ["Coulomb", "Exponential", "StepFriction"]
 
     def body() -> int:
         return int(random.integers(n))
@@ -184,7 +184,7 @@ def layout(seed: int, number: int) -> dict[str, tuple[str, ...]]:
         if random.random() < 0.5:
             rubs += [f"{body()} {random.choice(['ground', 'belt'])} {random.choice(all_laws)} one"]
     if kind == "breaks and switches" or (some and random.random() < 0.5):
-        rubs += [f"{body()} belt Drop one"]
+        rubs += [f"{body()} belt StepFriction one"]
         switches = [
             f"{read} {body()} {body()}" for read in random.choice(["input", "speed", "position"], size=random.integers(1, 3), replace=False)
         ]

@@ -1,8 +1,8 @@
 """What does a user wait for, beside the event loop?
 
 Every row is measured in fresh processes with warm caches, as processor time of the whole process or of one call in it, the least of so many turns. Rows: the
-first answer; a study with figures; keeping a run; both branches of an onset; a map; `run.error` of a sampled law beside its run; chains of 1000 and 3000
-inertias that all rub, whose machine code is made anew, with the memory of the process. `python -m studies speed` measures the loop itself.
+first answer; a study with figures; keeping a run; both branches of an onset; a map; `run.error_estimate` of a sampled law beside its run; chains of 1000 and
+3000 inertias that all rub, whose machine code is made anew, with the memory of the process. `python -m studies speed` measures the loop itself.
 
     python -m studies waiting [--only ROW ...] [--turns 3]
 """
@@ -75,7 +75,7 @@ runs = []
 def run():
     runs.append(simulate(rig, 120.0, controller=PI(reference=12.0), sample_time=0.01))
 alone = timed(run, 7)[1]
-print(min(timed(lambda run=run: run.error)[1] for run in runs) / alone)
+print(min(timed(lambda run=run: run.error_estimate)[1] for run in runs) / alone)
 """
 
 CHAIN = """
@@ -144,7 +144,7 @@ ROWS: dict[str, Row | Study] = {
     },
     "onset 16": Row("onset, 16 inertias, 15 rub, PI", ONSET + REPORT.format(string="16, 15", law="PI(900.0, 400.0)")),
     "map": Row("map 30 x 30, both branches", MAP),
-    "error": Row("`run.error` of a sampled PI / its run", ERROR, ("",)),
+    "error": Row("`run.error_estimate` of a sampled PI / its run", ERROR, ("",)),
     "1000": Row("1000 inertias that rub, compile and 5 s", CHAIN.format(n=1000), ("s", "MB")),
     "3000": Row("3000 inertias that rub, compile and 5 s", CHAIN.format(n=3000), ("s", "MB")),
 }

@@ -24,7 +24,7 @@ from toolbox import plot
 stops = {speed: stop_of(TwoDisks(), speed) for speed in (1.0, 2.0, 3.0)}
 stop = stops[2.0]
 print(stop)
-print(f"error of the run: {stop.run.error:.0e}")
+print(f"error of the run: {stop.run.error_estimate:.0e}")
 
 # %%
 figure = draw_stops(stops)

@@ -30,7 +30,7 @@ from studies.questions.whirl import (
     row,
     table,
 )
-from toolbox import plot, units
+from toolbox import plot, use_units
 
 gains, ways = (0.05, 0.1, 0.2, 0.4, 0.8, 1.3), (*WAYS[:3], *WAYS[3::2])
 found = outcomes(gains, ways)
@@ -46,7 +46,7 @@ figure = draw_outcomes(found, gains, ways)
 # %%
 runs = {way: driven(0.2, way) for way in SHOWN}
 print(table({way: row(run) for way, run in {"stiff PI": driven(None), **runs}.items()}))
-with units("metric"):  # what drillers read: rpm
+with use_units("metric"):  # what drillers read: rpm
     figure = draw({way: (run, SHOWN[way]) for way, run in runs.items()})
 
 # %% [markdown]

@@ -16,7 +16,7 @@ import toolbox
 from toolbox import Scene, equilibrium, onset, plot, simulate
 
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "jansen_2.toml")
-report = onset(scene["stiff PI"], "top.reference", (3.0, 14.0), values=8, tolerance=0.05)
+report = onset(scene["stiff PI"], "top.reference", (3.0, 14.0), num_values=8, tolerance=0.05)
 print(report)
 
 # %% [markdown]

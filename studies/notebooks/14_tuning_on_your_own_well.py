@@ -19,7 +19,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from controllers import PI, pipe_impedance
-from models import BitRock, DrillString, Transition
+from models import BitRock, DrillString, SmoothStepFriction
 from toolbox import Scene, closed_loop, compose, export_c, measure, plot, simulate, tune, worst_case
 from toolbox.robustness import cycle_phases
 from toolbox.scenes.cases import Case
@@ -33,7 +33,9 @@ def string(**detail):
     """The well of the tables, its bit on the rock."""
     with as_file(tables) as folder:
         sections, survey = folder / "aarsnes_shor_sections.csv", folder / "aarsnes_shor_survey.csv"
-        return DrillString.from_tables(sections, survey, top_inertia=2900.0, drag_rate=0.1, friction=Transition(), on_bottom=True, **detail)
+        return DrillString.from_tables(
+            sections, survey, top_inertia=2900.0, drag_rate=0.1, friction=SmoothStepFriction(), on_bottom=True, **detail
+        )
 
 
 coarse, fine = string(elements=5), string(band=1.0)

@@ -118,7 +118,7 @@ class Case:
     @cached_property
     def onset(self) -> Onset:
         """Both borders."""
-        return onset(self.loop, PARAMETER, self.between, values=self.values)
+        return onset(self.loop, PARAMETER, self.between, num_values=self.values)
 
     @cached_property
     def branch(self) -> SmoothBranch[float]:

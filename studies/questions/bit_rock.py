@@ -23,17 +23,17 @@ from models import AxialChain, BitRock, DragBit, ElasticRock, HystereticBitRock,
 from models.drag_bit import radau
 from models.smooth_bit_rock import smooth_torque
 from studies.command_line import figure_folder
-from toolbox import compose, measure, plot, simulate, units
+from toolbox import compose, measure, plot, simulate, use_units
 from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 
 MASS, WEIGHT = 34_000.0, 40_000.0
 BIT = DragBit(flat_length=3e-3, nodes=20)
 STRING = AxialChain(mass=(MASS,), stiffness=(), damping=(), hook_load=MASS * 9.81 - WEIGHT)
-WEIGHT_PER_CUT = BIT.inclination * BIT.specific_energy * BIT.radius  # [N/m]
+WEIGHT_PER_CUT = BIT.cutter_inclination * BIT.specific_energy * BIT.radius  # [N/m]
 FLATS = BIT.flat_length * BIT.radius * BIT.flat_stress  # [N]
 DEPTH = (WEIGHT - FLATS) / WEIGHT_PER_CUT
-STEADY = BIT.specific_energy * BIT.radius**2 * DEPTH / 2 + BIT.friction * BIT.geometry * BIT.radius / 2 * FLATS
+STEADY = BIT.specific_energy * BIT.radius**2 * DEPTH / 2 + BIT.friction * BIT.bit_geometry_number * BIT.radius / 2 * FLATS
 CRITICAL = 2 / BIT.blades * math.sqrt(2 * BIT.blades * WEIGHT_PER_CUT / MASS)
 """Speed above which steady cutting is stable [rad/s]."""
 
@@ -72,8 +72,8 @@ def loops() -> dict[str, Trajectory]:
     """The four-inertia rig under a stiff drive at 45 rpm, on each rock."""
     rocks = {
         "set-valued": BitRock(),
-        "rate form": HystereticBitRock(beta0=0.1, beta1=0.2),
-        "switched form": HystereticBitRock(beta0=0.1),
+        "rate form": HystereticBitRock(hysteresis_fraction=0.1, hysteresis_steepness=0.2),
+        "switched form": HystereticBitRock(hysteresis_fraction=0.1),
     }
     return {
         name: simulate(compose(wells.NAVARRO_LOPEZ_4, rock), 130.0, controller=StiffPI(reference=1.5 * math.pi))
@@ -197,7 +197,7 @@ def main() -> None:
     for speed in (4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 25.0):
         torque, stuck, least = cycle(speed)
         print(f"{speed:13.1f}  {torque:17.0f}  {100 * stuck:9.1f} %  {1e3 * least:14.2f}")
-    with plt.rc_context(plot.PAPER), units("metric"):  # what drillers read: rpm
+    with plt.rc_context(plot.PAPER), use_units("metric"):  # what drillers read: rpm
         for name, figure in (("bit_rock_laws", draw_laws()), ("drag_bit", draw_drag_bit()), ("bit_bounce", draw_bounce())):
             figure.savefig(folder / f"{name}.png")
             print(folder / f"{name}.png")

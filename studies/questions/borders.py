@@ -83,7 +83,7 @@ CASES = (
 def by_onset(case: Case, between: tuple[float, float]) -> float:
     """The end of stick-slip as `onset` finds it in a range, with the working point inside of stick-slip."""
     at = min(max(case.sticks, between[0]), between[1])
-    found = onset(closed_loop(case.plant, case.controller, inputs={case.parameter: at}), case.parameter, between, values=9)
+    found = onset(closed_loop(case.plant, case.controller, inputs={case.parameter: at}), case.parameter, between, num_values=9)
     return found.stall if case.stalls else found.end
 
 

@@ -49,7 +49,7 @@ static void stepped(const double *p, const double *speeds, const double *mu, int
 }
 
 /* Go on for `steps` steps of h with the command u. `out`: time, sign of the slip (0 in stick), time of standstill (-1 for none yet), angle turned until then,
-   releases from stick while the disc turns faster than `slowest`. Returns the torque of the brake at the end. */
+   releases from stick while the disc turns faster than `slowest`; a negative `slowest` counts every release. Returns the torque of the brake at the end. */
 double advance(const double *p, const double *speeds, const double *mu, int rows, double u, double h, int steps, double slowest, double *x, double *out) {
   double grip = 0.0, d[STATES];
   int k, i;
@@ -79,7 +79,7 @@ double advance(const double *p, const double *speeds, const double *mu, int rows
       slopes(p, speeds, mu, rows, out[TIME], u, 0.0, x, d, &grip);
       if (fabs(grip) > 2 * x[N] * p[STATIC]) {
         out[SIGN] = grip > 0 ? 1.0 : -1.0;
-        if (out[STANDS] < 0.0 && x[W] > slowest) out[RELEASES] += 1;
+        if (slowest < 0.0 || (out[STANDS] < 0.0 && x[W] > slowest)) out[RELEASES] += 1;
       }
     }
   }

@@ -45,8 +45,11 @@ more; the eased sliding mode and the MPC need half a metre more.
     phased dither                           19, 0.05        27, 0.08        47, 0.21        80, 0.37       129, 0.63
     phased dither, ideal actuator           10, 0.01        11, 0.01        17, 0.01        45, 0.01        90, 0.01
 
-The sine makes a release louder, too. What dither can do is the third figure (stops from 2 m/s): through the actuator no sine of 20 to 300 Hz silences a stop at
-any depth (5 to 12 releases, 8 without), and phased dither does so only if it acts within a millisecond, a twentieth of the period of the pad.
+The sine makes a release louder, too. What dither can do is the third figure, for stops from 30 km/h and from 7 km/h, at which the pad already groans.
+Behind the actuator the highest rate lets a triangle of rate / (4 f) through at most: 100 N at 50 Hz, 3 % of the force, whatever depth is commanded. Of 50
+sines of 20 to 300 Hz none helps from 7 km/h (5 to 12 releases, 8 without); from 30 km/h most change nothing (1 to 3 releases, 2 without), and near 30 Hz and
+150 Hz, three times the frequency of the pad, they make groan (7 to 14). With an ideal actuator the sine is louder at nearly every frequency and depth. Phased
+dither silences a stop only if it acts less than a millisecond late, a twentieth of the period of the pad.
 
 The gains of PI and sliding mode were chosen for stops from 1.8 m/s, on the noise of other seeds, and not again for this table.
 
@@ -93,8 +96,8 @@ VERDICT_SEEDS = (2001, 2002)
 EASED = 0.8
 COMMONLY = {"friction": 0.35, "highest_force": 8000.0}
 SOFT_PI = {"proportional": 0.1, "integral": 1.0}
-SOFT_SLIDING = {"filter_time": 0.1, "reaching": 0.3, "width": 0.2, "surface": 1.0}
-PHASED = {"speed": "pad.speed", "unit": "m/s", "depth": 0.5, "size": -0.2}
+SOFT_SLIDING = {"filter_time": 0.1, "reaching_rate": 0.3, "boundary_layer": 0.2, "surface_gain": 1.0}
+PHASED = {"speed": "pad.speed", "unit": "m/s", "depth": 0.5, "speed_scale": -0.2}
 
 
 @dataclass(frozen=True)
@@ -322,27 +325,51 @@ FREQUENCIES = (20.0, 30.0, 40.0, 60.0, 80.0, 100.0, 125.0, 150.0, 200.0, 300.0)
 DEPTHS = (0.1, 0.3, 0.5, 0.7, 0.9)
 LATE = (0.0, 0.001, 0.002, 0.003, 0.005, 0.0075, 0.01, 0.015)
 SHORT = 2.0
-"""Speed of the car [m/s] at which the stops of the dither figure begin: above it no pad groans."""
+"""Speed of the car [m/s] at which the second stops of the dither figure begin: the force rises at a speed at which the pad already groans."""
+NEEDED = 36.0 * COMMON / WHEEL / (2 * 0.12 * 0.35)
+"""Force of one pad [N] for a stop at 2.5 m/s2."""
 
 
-def dithered(frequency: float, depth: float, ideal: bool) -> int:
-    """Releases of a stop at 2.5 m/s2 under a sine dither; frequency [Hz], 0 for none."""
+def dithered(frequency: float, depth: float, ideal: bool, start: float = START) -> int:
+    """Releases of a stop at 2.5 m/s2 under a sine dither; frequency [Hz], 0 for none; start: speed of the car [m/s]."""
     dither = NormalDither(depth=depth, frequency=frequency) if frequency else None
     row = Contender("sine", partial(BrakeForce, **COMMONLY), dither=dither, ideal=ideal)
-    return stop_of(run_of(row, COMMON, start=SHORT)).releases
+    return stop_of(run_of(row, COMMON, start=start)).releases
 
 
-def phased_late(late: float, depth: float = 0.5) -> int:
-    """Releases of a stop at 2.5 m/s2 under a phased dither that comes late by a dead time [s], and by nothing else."""
+def phased_late(late: float, depth: float = 0.5, start: float = START) -> int:
+    """Releases of a stop at 2.5 m/s2 under a phased dither with a dead time [s] before an otherwise ideal actuator."""
     row = Contender("phased", partial(BrakeForce, **COMMONLY), dither=PhasedDither(**{**PHASED, "depth": depth}), ideal=True)
     law, dither = controllers_of(row, COMMON, VERDICT_SEEDS[0])
     rough = {"pad.attachment": sine(0.0, 4.0, 40.0)}
     controllers = [law, replace(dither, delay=late)]
-    return stop_of(simulate(plant_of(row), 3.0, start={"disc.car_speed": SHORT}, inputs=rough, controller=controllers)).releases
+    duration = 1.5 * start / COMMON + 8.0
+    return stop_of(simulate(plant_of(row), duration, start={"disc.car_speed": start}, inputs=rough, controller=controllers)).releases
+
+
+def delivered(frequency: float, depth: float, force: float = NEEDED) -> float:
+    """Depth that the pads receive through the actuator: half the range of the force as a fraction of its mean, from the last of 40 periods or more."""
+    duration = max(40.0 / frequency, 1.0)
+    last = np.linspace(duration - 5.0 / frequency, duration, 2001)
+    wave = {"actuator.command": force, "actuator.dither": sine(0.0, depth * force, frequency)}
+    run = simulate(compose(BRAKE, ACTUATOR), duration, start={"disc.car_speed": 100.0, "actuator.force": force}, inputs=wave)
+    return float(np.ptp(run.at(last)["brake.force"])) / (2.0 * force)
+
+
+def triangle(frequency: float, force: float = NEEDED) -> float:
+    """Depth of the triangle that rises and falls at the highest rate of the actuator: no larger one reaches the pads."""
+    return float(ACTUATOR.rate_limit or math.inf) / (4.0 * frequency * force)
+
+
+def dither_table() -> str:
+    """Depth that reaches the pads of the brake over frequency and commanded depth, as text."""
+    head = f"{'depth at the pads, commanded':<32}" + "".join(f"{f'{frequency:g} Hz':>9}" for frequency in FREQUENCIES)
+    rows = [f"{depth:<32g}" + "".join(f"{delivered(frequency, depth):>9.3f}" for frequency in FREQUENCIES) for depth in DEPTHS]
+    return "\n".join([head, "-" * len(head), *rows])
 
 
 def dither_picture(path: Path) -> None:
-    """Releases of a stop under sine dither with the actuator and with an ideal one, and under phased dither that is late."""
+    """Releases of two stops under sine dither with the actuator and with an ideal one, phased dither with a dead time, and depth at the pads."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -350,29 +377,61 @@ def dither_picture(path: Path) -> None:
 
     from toolbox import plot
 
+    starts = {"30 km/h": START, "7 km/h": SHORT}
     with pyplot.rc_context(plot.PAPER):
-        figure, panels = pyplot.subplots(1, 3, figsize=(11.0, 3.6), layout="constrained", gridspec_kw={"width_ratios": (1.0, 1.0, 0.9)})
-        for panel, ideal in zip(panels[:2], (False, True), strict=True):
-            alone = dithered(0.0, 0.0, ideal)
-            counts = np.array([[dithered(frequency, depth, ideal) for frequency in FREQUENCIES] for depth in DEPTHS])
-            panel.imshow(counts, origin="lower", aspect="auto", cmap="YlOrBr", vmin=0, vmax=3 * alone)
-            for (i, j), count in np.ndenumerate(counts):
-                panel.text(j, i, f"{count:d}", ha="center", va="center", fontsize=7.5, color="white" if count > 2 * alone else "black",
-                           fontweight="bold" if count < alone else "normal")  # fmt: skip
-            panel.set_xticks(range(len(FREQUENCIES)), [f"{each:g}" for each in FREQUENCIES])
-            panel.set_yticks(range(len(DEPTHS)), [f"{each:g}" for each in DEPTHS])
-            panel.set(xlabel="frequency of the sine [Hz]", ylabel="commanded depth, in parts of the force")
-            kind = "ideal actuator" if ideal else "actuator of 10 ms, 20 kN/s, 2 ms late"
-            panel.set_title(f"{kind}: {alone} without dither", loc="left", fontsize=9.0)
-        last = panels[2]
-        last.plot(1e3 * np.array(LATE), [phased_late(late) for late in LATE], "o-", color="black", label="phased dither, depth 0.5")
-        last.axhline(dithered(0.0, 0.0, True), color="0.5", linestyle="--", linewidth=1.0, label="no dither")
-        last.axvline(5.0, color="0.6", linestyle=":", linewidth=1.0)
-        last.annotate("quarter period\nof the pad", (5.0, 0.5), (4, 0), textcoords="offset points", fontsize=7.5, color="0.35")
-        last.set(xlabel="dead time of an else ideal actuator [ms]", ylabel="releases of the pad", ylim=(0, None))
-        last.legend(frameon=False, fontsize=8.0)
-        last.set_title("phased with the speed of the pad", loc="left", fontsize=9.0)
-        figure.suptitle("Releases of the pad in a stop at 2.5 m/s$^2$ (bold: fewer than without dither)", fontsize=10.0)
+        figure, panels = pyplot.subplots(2, 3, figsize=(11.0, 6.6), layout="constrained", gridspec_kw={"width_ratios": (1.0, 1.0, 0.95)})
+        for line, (word, start) in zip(panels, starts.items(), strict=True):
+            for panel, ideal in zip(line[:2], (False, True), strict=True):
+                alone = dithered(0.0, 0.0, ideal, start)
+                counts = np.array([[dithered(frequency, depth, ideal, start) for frequency in FREQUENCIES] for depth in DEPTHS])
+                panel.imshow(np.log2((counts + 1.0) / (alone + 1.0)), origin="lower", aspect="auto", cmap="YlOrBr", vmin=-1.0, vmax=4.0)
+                for (i, j), count in np.ndenumerate(counts):
+                    panel.text(j, i, f"{count:d}", ha="center", va="center", fontsize=7.5, color="white" if count > 6 * alone else "black",
+                               fontweight="bold" if count < alone else "normal")  # fmt: skip
+                panel.set_xticks(range(len(FREQUENCIES)), [f"{each:g}" for each in FREQUENCIES])
+                panel.set_yticks(range(len(DEPTHS)), [f"{each:g}" for each in DEPTHS])
+                kind = "ideal actuator" if ideal else "real actuator"
+                panel.set_title(f"{kind}, from {word}: {alone} without dither", loc="left", fontsize=9.0)
+        for panel in panels[:, 0]:
+            panel.set_ylabel("depth of the command, fraction of the force")
+        for panel in panels[1, :2]:
+            panel.set_xlabel("frequency of the sine [Hz]")
+        phased, depths = panels[:, 2]
+        for (word, start), look in zip(starts.items(), ({"color": "black", "marker": "o"}, {"color": "0.5", "marker": "s"}), strict=True):
+            phased.plot(1e3 * np.array(LATE), [phased_late(late, start=start) for late in LATE], label=f"from {word}", **look)
+            phased.axhline(dithered(0.0, 0.0, True, start), color=look["color"], linestyle="--", linewidth=1.0)
+        phased.axvline(5.0, color="0.6", linestyle=":", linewidth=1.0)
+        phased.annotate("quarter period\nof the pad", (5.0, 0.1), (4, 0), textcoords="offset points", fontsize=7.5, color="0.35")
+        phased.set_yscale("symlog", linthresh=2.0)
+        phased.set_yticks([0, 1, 2, 5, 10, 20, 50, 100, 200], ["0", "1", "2", "5", "10", "20", "50", "100", "200"])
+        phased.minorticks_off()
+        phased.set(xlabel="dead time, no lag and no limits [ms]", ylabel="releases of the pad", ylim=(0, 300))
+        phased.legend(frameon=False, fontsize=8.0, title="dashed: without dither", title_fontsize=8.0, loc=(0.52, 0.24))
+        phased.set_title("phased dither of depth 0.5", loc="left", fontsize=9.0)
+        grid = np.geomspace(FREQUENCIES[0], FREQUENCIES[-1], 200)
+        depths.loglog(grid, [100.0 * triangle(each) for each in grid], color="black", linewidth=1.0, label="triangle at 20 kN/s")
+        for depth, look in ((0.9, "black"), (0.1, "0.5")):
+            depths.loglog(
+                FREQUENCIES,
+                [100.0 * delivered(each, depth) for each in FREQUENCIES],
+                "o",
+                color=look,
+                label=f"command of {100 * depth:g} %",
+            )
+        depths.axvline(50.3, color="0.6", linestyle=":", linewidth=1.0)
+        depths.annotate(
+            "natural frequency\nof the pad", (50.3, 0.5), (-3, 0), textcoords="offset points", fontsize=7.5, color="0.35", ha="right"
+        )
+        depths.set_xticks([20, 50, 100, 200], ["20", "50", "100", "200"])
+        depths.set_yticks([0.5, 1, 2, 5, 10], ["0.5", "1", "2", "5", "10"])
+        depths.minorticks_off()
+        depths.set(xlabel="frequency of the sine [Hz]", ylabel="amplitude at the pads [% of the force]")
+        depths.legend(frameon=False, fontsize=8.0)
+        depths.set_title("sine behind the real actuator", loc="left", fontsize=9.0)
+        figure.suptitle(
+            "Releases of the pad in stops at 2.5 m/s$^2$ (bold: fewer than without dither). Real actuator: lag 10 ms, 20 kN/s, delay 2 ms",
+            fontsize=10.0,
+        )
         figure.savefig(path, dpi=120)
         pyplot.close(figure)
 
@@ -392,8 +451,8 @@ def picture(rows: Sequence[Row], path: Path) -> None:
     every = {contender.label: contender for contender in contenders()}
     shown = ("constant force", "sliding mode, eased", "MPC", "constant, phased dither")
     with pyplot.rc_context(plot.PAPER):
-        figure = pyplot.figure(figsize=(11.0, 6.4), layout="constrained")
-        grid = figure.add_gridspec(4, 3, width_ratios=(1.5, 0.8, 0.8))
+        figure = pyplot.figure(figsize=(11.0, 6.9), layout="constrained")
+        grid = figure.add_gridspec(4, 3, width_ratios=(1.5, 0.8, 0.8), height_ratios=(1.6, 1.0, 1.0, 1.0))
         for i, label in enumerate(shown):
             run = run_of(every[label], COMMON)
             stop = stop_of(run)
@@ -414,7 +473,15 @@ def picture(rows: Sequence[Row], path: Path) -> None:
             other.set_ylabel("pressure [bar]", color="tab:blue")
             panel.set_title(f"{label}: {stop.releases} releases, {stop.distance:.1f} m", loc="left", fontsize=9.0)
             if i == 0:
-                panel.legend(frameon=False, fontsize=8.0, loc="upper right", ncols=2)
+                lines = [*panel.lines, *other.lines]
+                figure.legend(lines, [str(line.get_label()) for line in lines], frameon=False, fontsize=8.0, loc="upper left", ncols=3)
+                closer = panel.inset_axes((0.05, 0.18, 0.44, 0.27))
+                last = left <= 0.02
+                closer.plot(1e3 * left[last], at["pad.speed"][last], color="0.5", linewidth=0.7)
+                closer.plot(1e3 * left[last], BRAKE.radius * at["disc.speed"][last], color="black", linewidth=1.3)
+                closer.set(xlim=(20.0, 0.0), yticks=[])
+                closer.tick_params(labelsize=7.0)
+                closer.text(0.03, 0.06, "the last 20 mm", fontsize=7.0, transform=closer.transAxes)
             if i < len(shown) - 1:
                 panel.tick_params(labelbottom=False)
         panel.set_xlabel("distance to the place of standstill [m]")
@@ -463,6 +530,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows = [row_of(contender) for contender in contenders() if contender.label in given.only]
     print(table(rows), flush=True)
     print(f"\n{creep_table()}", flush=True)
+    print(f"\n{dither_table()}", flush=True)
     print(
         "\nexponent G of the growth of the pad under constant force: "
         + ", ".join(f"{groan_growth(BRAKE, force):.1f} at {force} N" for force in (300, 750, 1500, 5000))

@@ -22,7 +22,7 @@ from controllers import StiffPI
 from models import BitRock, oscillators, wells
 from studies.command_line import figure_folder
 from studies.timing import timed
-from toolbox import closed_loop, compose, follow, limit_cycle, plot, simulate, units
+from toolbox import closed_loop, compose, follow, limit_cycle, plot, simulate, use_units
 from toolbox.figures.style import name_axis
 from toolbox.orbits import Branch, Cycle
 
@@ -132,7 +132,7 @@ def main() -> None:
     sliding, bistable = blocks()
     print(sliding)
     print(bistable)
-    with plt.rc_context(plot.PAPER), units("metric"):  # what drillers read: rpm
+    with plt.rc_context(plot.PAPER), use_units("metric"):  # what drillers read: rpm
         draw(string, onwards(cycle), sliding, bistable).savefig(folder / "cycles.png")
         print(folder / "cycles.png")
 

@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from controllers import PI
-from models import DrillString, Section, Transition, WhirlingCollar, read_sections, shaft_frequencies
+from models import DrillString, Section, SmoothStepFriction, WhirlingCollar, read_sections, shaft_frequencies
 from models.shaft import chain_frequencies
 from studies.timing import timed
 from toolbox import compose, measure, simulate
@@ -52,7 +52,12 @@ def well(elements: int, along: bool = True) -> tuple[DrillString, tuple[Section,
     with as_file(files("models") / "tables") as folder:
         sections = read_sections(folder / "aarsnes_shor_sections.csv")
         string = DrillString.from_tables(
-            sections, folder / "aarsnes_shor_survey.csv", top_inertia=2900.0, drag_rate=0.1, friction=Transition(), elements=elements
+            sections,
+            folder / "aarsnes_shor_survey.csv",
+            top_inertia=2900.0,
+            drag_rate=0.1,
+            friction=SmoothStepFriction(),
+            elements=elements,
         )
     if not along:
         string = dataclasses.replace(string, friction_load=(math.fsum(string.friction_load or ()),), friction_at=(elements,))

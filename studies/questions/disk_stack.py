@@ -29,7 +29,7 @@ def stack_stop(stack: DiskStack | None = None, speed: float = 3.0, clamping: flo
     """
     stack = stack or DiskStack()
     turning = np.where(np.arange(2 * stack.rotors + 1) % 2 == 1, speed, 0.0)
-    start = {"stack.wheel_speed": speed, "stack.speed": turning, "stack.position": stack.clamped(0.05 * stack.actuator_force)}
+    start = {"stack.wheel_speed": speed, "stack.speed": turning, "stack.position": stack.static_positions(0.05 * stack.actuator_force)}
     force = ramp(0.05 * stack.actuator_force, stack.actuator_force, 0.0, clamping)
     return simulate(compose(stack), 0.8 * speed, start=start, inputs={"stack.actuator_force": force}, accuracy=accuracy)
 
@@ -97,7 +97,7 @@ def main() -> None:
         print(f"{i:9d}{len(found):9d}{np.median(slip[:n]):14.2f}{np.median(slip[-n:]):9.2f}{np.median(stick[:n]):16.2f}{np.median(stick[-n:]):9.2f}"
               f"{found[-1].start + found[-1].period:21.3f}")  # fmt: skip
     load = run["stack.load"]
-    print(f"  error {run.error:.0e}, load {load.min():.0f} to {load.max():.0f} N, {len(run.events)} events, {run.wall_time:.2f} s")
+    print(f"  error {run.error_estimate:.0e}, load {load.min():.0f} to {load.max():.0f} N, {len(run.events)} events, {run.wall_time:.2f} s")
     draw_stack(run, DiskStack()).savefig(folder / "disk_stack.png")
     scaling()
 

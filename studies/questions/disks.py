@@ -111,8 +111,8 @@ class Stop:
 
 def rest_of(run: Trajectory, speed: str) -> float:
     """First time [s] at which a speed is no longer positive; the end of the run if it stays positive."""
-    stopped = np.flatnonzero(run.nodes[speed] <= 0)
-    return float(run.nodes.time[stopped[0]]) if stopped.size else run.end
+    stopped = np.flatnonzero(run.every_step[speed] <= 0)
+    return float(run.every_step.time[stopped[0]]) if stopped.size else run.end
 
 
 def report(run: Trajectory, element: str, speed: str, component_period: float) -> Stop:
@@ -303,7 +303,7 @@ def main() -> None:
     print("\nPeriod of the first and of the last cycle over that of the stator\n")
     print(f"{'':24} from [rad/s]  cycles  onset  termination    error")
     for name, speed, stop in dependence():
-        print(f"{name:24}{speed:13g}{len(stop.cycles):8d}{stop.onset:7.2f}{stop.termination:13.2f}{stop.run.error:9.0e}")
+        print(f"{name:24}{speed:13g}{len(stop.cycles):8d}{stop.onset:7.2f}{stop.termination:13.2f}{stop.run.error_estimate:9.0e}")
     low, high = last_period_range(20.0, 0.02, 0.4, 0.3)
     print(f"last cycle by theory for Coulomb friction 0.4 / 0.3, no damping: {low:.2f} to {high:.2f}")
 
@@ -311,7 +311,7 @@ def main() -> None:
     pressed = {speed: pressed_stop(speed) for speed in (3.0, 5.0, 8.0, 10.0)}
     for speed, stop in pressed.items():
         opens = [f"{event.time:.5f}" for event in stop.run.events if event.after == "open"]
-        print(f"{speed:6g}{len(stop.cycles):6d}{stop.onset:8.2f}{stop.termination:8.2f}{stop.run.error:9.0e}  {', '.join(opens)}")
+        print(f"{speed:6g}{len(stop.cycles):6d}{stop.onset:8.2f}{stop.termination:8.2f}{stop.run.error_estimate:9.0e}  {', '.join(opens)}")
     draw_pressed(pressed).savefig(folder / "pressed_disks.png")
 
     ratios = np.linspace(0.02, 0.4, 9)

@@ -110,7 +110,7 @@ def map_of(label: str) -> DitherMap:
     """The dither map of a rig."""
     rig = next(rig for rig in RIGS if rig.label == label)
     return dither_map(
-        rig.plant, rig.load, rig.mean, rig.natural, contact=rig.contact, signal=rig.position, ratios=RATIOS, depths=DEPTHS, offset=rig.offset, **rig.run
+        rig.plant, rig.load, rig.mean, rig.natural, contact=rig.contact, signal=rig.position, ratios=RATIOS, depths=DEPTHS, other_load=rig.offset, **rig.run
     )  # fmt: skip
 
 
@@ -173,14 +173,16 @@ def cures(rig: Rig) -> dict[str, dict[str, Any]]:
     """{cure: arguments of `judged`}."""
     frequency, depth = best(rig.label)
     common = {"load": rig.load, "over": rig.over, "depth": depth}
-    steep = {"depth": 0.5, "speed": rig.speed, "unit": rig.unit, "reference": rig.reference, "size": rig.rising * rig.slip}
+    steep = {"depth": 0.5, "speed": rig.speed, "unit": rig.unit, "reference": rig.reference, "speed_scale": rig.rising * rig.slip}
     period = 1.0 / (40.0 * frequency)
     found: dict[str, dict[str, Any]] = {
         "none": {},
         "sine in the band": {"law": NormalDither(**common, frequency=frequency)},
         "sine below the band": {"law": NormalDither(**common, frequency=BELOW * rig.natural)},
         "square in the band": {"law": Sampled(SquareDither(**common, frequency=frequency), period)},
-        "sweep in the band": {"law": SweptDither(**common, frequency=frequency, span=0.25 * frequency, sweep_time=20.0 / frequency)},
+        "sweep in the band": {
+            "law": SweptDither(**common, frequency=frequency, frequency_deviation=0.25 * frequency, sweep_time=20.0 / frequency)
+        },
         "phased with the slip": {"law": PhasedDither(**{**common, **steep})},
         "the same, T/5 late": {"law": Sampled(PhasedDither(**{**common, **steep}), 0.005 / rig.natural, delay=0.2 / rig.natural)},
     }
@@ -269,7 +271,7 @@ def picture(path: Path) -> None:
             panel.set_title(rig.label, loc="left", fontsize=9.5)
         panels[0].set_ylabel("depth of the dither")
         bar = figure.colorbar(shades, ax=panels, ticks=levels)
-        bar.set_label("swing, in parts of that without dither\n(line: one half)")
+        bar.set_label("swing as a fraction of the swing without dither\n(line: one half)")
         figure.savefig(path, dpi=110)
         pyplot.close(figure)
 

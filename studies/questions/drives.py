@@ -46,10 +46,10 @@ from controllers import (
     Lifting,
     LinearMPC,
     NonlinearMPC,
-    OnEstimates,
     SlidingMode,
     SoftTorque,
     StiffPI,
+    StringObserverController,
     SuperTwisting,
     ZTorque,
 )
@@ -57,7 +57,7 @@ from controllers.observers import Kalman
 from studies import gains
 from studies.command_line import folder, parser_of, write_rows
 from studies.protocol import CORNERS, DELAY, GROUPS, HIGHEST, LIMITS, LOWEST, NOISE, PLANT, WEIGHT, rock_torques, trial
-from toolbox import Controller, Sampled, Trajectory, plot, simulate, units
+from toolbox import Controller, Sampled, Trajectory, plot, simulate, use_units
 from toolbox.drilling.groups import Group, Machine
 from toolbox.drilling.lowest_set_point import Cells, SetPointLimit, borders
 from toolbox.drilling.set_points import PROTOCOLS, Trial
@@ -94,8 +94,8 @@ FULL, BRIEF = "all phases and seeds, half an hour", "2 phases, 1 seed, 80 s, ste
 def laws() -> dict[str, Trial]:
     """All rows, in the order of the table, by label."""
 
-    def on_estimates(kind: Callable[..., Any]) -> OnEstimates:
-        return OnEstimates(kind(**LIMITS), Kalman(speed_noise=NOISE), delay_samples=LATE)
+    def on_estimates(kind: Callable[..., Any]) -> StringObserverController:
+        return StringObserverController(kind(**LIMITS), Kalman(speed_noise=NOISE), delay_samples=LATE)
 
     rows = {
         "stiff PI": StiffPI(**LIMITS),
@@ -329,7 +329,7 @@ def picture(rows: Mapping[str, Mapping[str, float]], path: Path, shown: Sequence
         right.axvline(0.0, color="0.5", linewidth=0.8, linestyle=":")
         right.axhline(EXAMPLE, color="0.5", linewidth=0.8, linestyle=":")
         right.set(xlabel="time since the law took over [s]")
-        with units("metric"):
+        with use_units("metric"):
             name_axis(right.yaxis, "bit speed", "rad/s")
         right.set_title(
             f"set-point {EXAMPLE * 30 / math.pi:.0f} rpm; parts of the declared rig:\n{CORNERS[1].name}", fontsize=9.0, loc="left"

@@ -31,7 +31,7 @@ def lining(friction: float = 0.5, damping_time: float = 2e-6) -> ElasticPad:
     body = body_of_mesh(
         block_mesh((0.08, 0.02), (CONTACTS - 1, 4)), density=2500.0, modulus=1e9, poisson=0.25, thickness=0.04, damping_time=damping_time
     )
-    mount, face = 1e8, body.on("bottom")
+    mount, face = 1e8, body.face_nodes("bottom")
     ports = {f"along.{i}": body.point(node, "x") for i, node in enumerate(face)}
     ports |= {f"into.{i}": -body.point(node, "y") for i, node in enumerate(face)}
     reduced = body.reduced(ports | {"x": body.mean("top", "x"), "y": -body.mean("top", "y")})
@@ -47,7 +47,7 @@ def stiff_block(modulus: float = 1e13) -> ElasticPad:
     minimal, scale = SquealingPad(damping=0.0), 1e6
     k, a = np.array(minimal.stiffness), np.array(minimal.angle)
     body = body_of_mesh(block_mesh((0.05, 0.02), (2, 1)), density=1000.0, modulus=modulus)
-    face = body.on("bottom")
+    face = body.face_nodes("bottom")
     ports = {f"along.{i}": body.point(node, "x") for i, node in enumerate(face)} | {
         f"into.{i}": -body.point(node, "y") for i, node in enumerate(face)
     }
@@ -61,7 +61,7 @@ def stiff_block(modulus: float = 1e13) -> ElasticPad:
 
 def squeal(pad: ElasticPad, duration: float = 0.1, push: Any = None) -> Trajectory:
     """A run from beside steady sliding."""
-    start = {"pad.displacement": 1.02 * pad.pressed()}
+    start = {"pad.displacement": 1.02 * pad.steady_sliding_displacement()}
     inputs = {} if push is None else {"pad.push": push}
     return simulate(compose(pad), duration, start=start, inputs=inputs, accuracy=1e-5)
 

@@ -70,7 +70,7 @@ def cube(divisions: int | tuple[int, int, int] = 10, damping_time: float = 0.0) 
 def face_body(divisions: int = 10, band: float = 0.0) -> ReducedBody:
     """The cube with every node of its face as a contact, in the modes of a band [Hz]; `face_body().save(...)` made the file of `elastic_face.toml`."""
     body = cube(divisions)
-    nodes = body.on("bottom")
+    nodes = body.face_nodes("bottom")
     ports = {f"{axis}.{i}": body.point(node, axis) for axis in "xyz" for i, node in enumerate(nodes)}
     ports |= {"back": body.mean("left", "x"), "top": body.mean("top", "z"), "top.along": body.mean("top", "x")}
     return replace(body.reduced(ports, band), contact_positions=body.nodes[nodes], contact_areas=body.faces["bottom"][nodes])
@@ -82,8 +82,8 @@ def face_problem(
     """The cube on its plate with a contact under every node of its face, in the modes of a band [Hz]."""
     friction = Exponential(static=pull.friction * MU, kinetic=pull.friction * 0.25, decay=1.0)
     return ElasticFace(
-        face_body(divisions, band), ("x", "y"), "z", force_ports=("top", "top.along"), support_port="back", stiffness=mount[0], damping=pull.damping * mount[1],
-        friction=friction,
+        face_body(divisions, band), ("x", "y"), "z", force_ports=("top", "top.along"), support_port="back",
+        support_stiffness=mount[0], support_damping=pull.damping * mount[1], friction=friction,
     ).problem()  # fmt: skip
 
 
@@ -97,8 +97,8 @@ def face_run(problem: ContactProblem, step: float = 1e-3, duration: float = 0.24
 def row_slider() -> ElasticSlider:
     """Eleven rows under loads from statics; `row_slider().body.save(...)` made the file of `studies/scenes/elastic_slider.toml`."""
     body = cube((10, 4, 4), damping_time=1e-6).clamped("bottom", "yz")
-    ports = {f"contact.{i}": row for i, row in enumerate(body.rows("bottom", "x", "x"))} | {"held": body.mean("left", "x")}
-    return ElasticSlider(body.reduced(ports), tuple(PRESSURE * body.row_areas("bottom", "x")))
+    ports = {f"contact.{i}": row for i, row in enumerate(body.node_row_ports("bottom", "x", "x"))} | {"held": body.mean("left", "x")}
+    return ElasticSlider(body.reduced(ports), tuple(PRESSURE * body.node_row_areas("bottom", "x")))
 
 
 def row_run(accuracy: float = 1e-5) -> Trajectory:

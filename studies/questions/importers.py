@@ -122,7 +122,7 @@ def row(loop: ClosedLoop, folder: Path, ways: Sequence[str], settings: Sequence[
     run, plain = simulate(loop, method="explicit", accuracy=1e-10), simulate(loop, method="explicit")
     wanted, duration = switches_of(run), float(run.duration)
     change, changed = stands(loop, wanted, duration)
-    cells, notes = [str(sum(map(len, wanted.values()))), f"{plain.error or 0.0:.0e}", f"{change:.0e}"], []
+    cells, notes = [str(sum(map(len, wanted.values()))), f"{plain.error_estimate or 0.0:.0e}", f"{change:.0e}"], []
     for way, chosen in zip(ways, settings, strict=True):
         for setting in chosen:
             there = seen_at_points(run, setting) if way in AT_POINTS else wanted

@@ -36,7 +36,7 @@ from models import BitRock, Coulomb, TwoDisks, WhirlingCollar, wells
 from models.oscillators import LEINE
 from studies.command_line import figure_folder
 from studies.questions.disks import braking_decision, critical_drop
-from toolbox import Component, Equations, HybridSystem, Quantity, Sampled, closed_loop, compose, plot, quantity, sweep, time, units
+from toolbox import Component, Equations, HybridSystem, Quantity, Sampled, closed_loop, compose, plot, quantity, sweep, time, use_units
 from toolbox.figures.style import name_axis
 from toolbox.measuring import metrics
 from toolbox.onsets.borders import border
@@ -142,7 +142,10 @@ def synchronous(row: Any) -> dict[str, Any]:
 
 def rolling(row: Any) -> dict[str, Any]:
     """On the wall, rolling backward without slip."""
-    return {"collar.displacement": (COLLAR.gap, 0.0), "collar.velocity": (0.0, (COLLAR.eccentricity - COLLAR.radius) * row["string.speed"])}
+    return {
+        "collar.displacement": (COLLAR.gap, 0.0),
+        "collar.velocity": (0.0, (COLLAR.eccentricity - COLLAR.outer_radius) * row["string.speed"]),
+    }
 
 
 def touching(points: np.ndarray, start: Any) -> np.ndarray:
@@ -199,7 +202,7 @@ def main() -> None:
     for sampled, name in ((False, "continuous"), (True, "100 Hz")):
         found = timed(f"50 x 50 map, {name}", string_map, (50, 50), sampled)
         print(f"{found}\n")
-    with units("metric"):  # what drillers read: rpm
+    with use_units("metric"):  # what drillers read: rpm
         axes = found.plot()
     axes[0].figure.savefig(folder / "map_string.png", dpi=110)
 
@@ -292,7 +295,7 @@ def main() -> None:
             ax.plot([COLLAR.contact_speed(load) for load in loads], loads / 1e3, label="closed forms", **THEORY)
             ax.plot([COLLAR.rolling_speed(load) for load in loads], loads / 1e3, **THEORY)
             ax.set(ylabel="weight on bit [kN]")
-            with units("metric"):
+            with use_units("metric"):
                 name_axis(ax.xaxis, "speed of the string", "rad/s")
             for at, text in ((4.0, "free"), (14.0, "rolls on\nonce disturbed"), (26.0, "strikes")):
                 ax.text(at, 40.0, text, ha="center", va="center", fontsize=8.0)

@@ -30,7 +30,7 @@ import numpy as np
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
 from studies.command_line import figure_folder
-from toolbox import ClosedLoop, closed_loop, compose, follow, limit_cycle, measure, onset, plot, simulate, units
+from toolbox import ClosedLoop, closed_loop, compose, follow, limit_cycle, measure, onset, plot, simulate, use_units
 from toolbox.figures.style import name_axis
 from toolbox.onsets.results import Onset
 from toolbox.orbits import Branch
@@ -74,7 +74,7 @@ DRIVES = (
 @cache
 def borders(drive: Drive) -> Onset:
     """Both borders by simulation, and the Hopf point of the continuous form."""
-    return onset(drive.at(WORKING), "top.reference", RANGE, values=9)
+    return onset(drive.at(WORKING), "top.reference", RANGE, num_values=9)
 
 
 @cache
@@ -199,7 +199,7 @@ def main() -> None:
         print(
             f"{drive.label:<22}{hopf(drive):>13.6f}{loss.value:>10.3f} +- {loss.tolerance:.3f}{end.value:>11.3f} +- {end.tolerance:.3f}"
             f"{cycle:>32}{100 * end.margin(WORKING):>+7.0f} %", flush=True)  # fmt: skip
-    with plt.rc_context(plot.PAPER), units("metric"):  # what drillers read: rpm
+    with plt.rc_context(plot.PAPER), use_units("metric"):  # what drillers read: rpm
         draw(np.linspace(*RANGE, 29)).savefig(folder / "onset.png", dpi=110)
         print(folder / "onset.png")
 

@@ -26,7 +26,7 @@ from models import (
     DiscBrake,
     Exponential,
     FrictionDamper,
-    Guide,
+    GuideContact,
     SquealingPad,
     averaged_friction,
     oscillators,
@@ -126,7 +126,7 @@ def checks() -> list[tuple[str, float, float]]:
     rows.append(("friction under dither, v = B/2 [N]", 0.3 * 2 / math.pi * math.asin(0.5), dithered(0.25)))
     rows.append(("Jenkins element, loss of a cycle at half load [J]", 1.0, damper_loss(0.5)))
     sliding = simulate(
-        compose(Block(mass=1e12, stiffness=0.0), Guide(friction=Dahl(stiffness=40.0, kinetic=0.8))), 0.1, start={"block.speed": 0.25}
+        compose(Block(mass=1e12, stiffness=0.0), GuideContact(friction=Dahl(stiffness=40.0, kinetic=0.8))), 0.1, start={"block.speed": 0.25}
     )
     rows.append(("Dahl's force after 25 mm [N]", 0.8 * -math.expm1(-40 * 0.025 / 0.8), sliding.at(0.1)["guide.drag"]))
     pad = SquealingPad()

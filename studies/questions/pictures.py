@@ -16,7 +16,7 @@ from typing import Any
 
 from controllers import SoftTorque
 from models import BitRock, wells
-from toolbox import compose, measure, plot, simulate, units
+from toolbox import compose, measure, plot, simulate, use_units
 from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 
@@ -84,7 +84,7 @@ def main() -> None:
     matplotlib.use("Agg")
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else PATH
     path.parent.mkdir(parents=True, exist_ok=True)
-    with units("metric"):  # what drillers read: rpm and turns
+    with use_units("metric"):  # what drillers read: rpm and turns
         draw(runs()).savefig(path)
     print(path)
 

@@ -36,7 +36,7 @@ from studies import gains
 from studies.command_line import folder, parser_of, write_rows
 from studies.protocol import GROUPS, HIGHEST, LIMITS, LOWEST, PLANT, WEIGHT, trial
 from studies.questions.drives import BETWEEN, GENTLE
-from toolbox import Controller, Sampled, Trajectory, inputs, measure, plot, simulate, units
+from toolbox import Controller, Sampled, Trajectory, inputs, measure, plot, simulate, use_units
 from toolbox.drilling.groups import Machine
 from toolbox.drilling.lowest_set_point import Cells, borders
 from toolbox.drilling.set_points import Trial
@@ -238,7 +238,7 @@ def picture(path: Path, shown: Sequence[str] = SHOWN) -> None:
     from matplotlib import pyplot
 
     asked = ASKED[0]
-    with pyplot.rc_context(plot.PAPER), units("metric"):
+    with pyplot.rc_context(plot.PAPER), use_units("metric"):
         figure, axes = pyplot.subplots(1, 2, figsize=(10.0, 3.2), layout="constrained", sharey=True)
         for label, style in zip(shown, plot.LINES, strict=False):
             law = lifted(label)

@@ -37,11 +37,11 @@ from controllers.observers import Kalman
 from studies import gains
 from studies.command_line import folder, parser_of
 from studies.protocol import DELAY, PLANT, SINGLES, trial
-from toolbox import Sampled, closed_loop, margins, plot, units
+from toolbox import Sampled, closed_loop, margins, plot, use_units
 from toolbox.figures.style import name_axis
 from toolbox.files import tables
 from toolbox.files.printing import shown
-from toolbox.modelling import Observed
+from toolbox.modelling import ObserverBasedController
 from toolbox.robustness import Margins, absorber_limit, performance_limit
 from toolbox.robustness.starts import at_set_point
 
@@ -56,7 +56,7 @@ WORKING = 6.5
 
 def on_estimates(law: Callable[..., Any]) -> Any:
     """A law that asks for more than the top speed, on a Kalman filter."""
-    return Observed(law(), Kalman(speed_noise=0.01), delay_samples=LATE)
+    return ObserverBasedController(law(), Kalman(speed_noise=0.01), delay_samples=LATE)
 
 
 LAWS: dict[str, Any] = {
@@ -176,7 +176,7 @@ def picture(path: Path, absorbing: tuple[float, float], points: int = 25) -> Non
         ax.axvline(value, color="0.3", lw=0.8, ls=":")
         ax.text(value + 0.05, 1.3, text, fontsize=8.0, va="top")
     ax.set(xlim=(2.0, 9.0), ylim=(0.0, 2.05), ylabel="disk margin [1]")
-    with units("metric"):  # what drillers read: rpm
+    with use_units("metric"):  # what drillers read: rpm
         name_axis(ax.xaxis, "set-point", "rad/s")
     ax.set_title("sampled every 10 ms, torque 30 ms late", fontsize=9, loc="left")
     ax.spines[["top", "right"]].set_visible(False)

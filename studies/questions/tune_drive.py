@@ -140,7 +140,7 @@ def picture(string: Mapping[str, Tuned], rig: Tuned) -> Any:
     """The fronts of both drives of the drill string, and that of the collar; returns a matplotlib figure."""
     import matplotlib.pyplot as plt
 
-    from toolbox import plot, units
+    from toolbox import plot, use_units
     from toolbox.figures.style import name_axis
 
     looks = [(plot.LINES[0], "o"), (plot.LINES[1], "s")]
@@ -156,7 +156,7 @@ def picture(string: Mapping[str, Tuned], rig: Tuned) -> Any:
         right.set(ylabel="impacts on the wall [1]", ylim=(-0.3, None))
         right.set_title("whirling collar", loc="left", fontsize=9.0)
         right.legend(frameon=False, fontsize=7.5)
-        with units("metric"):  # what drillers read: rpm
+        with use_units("metric"):  # what drillers read: rpm
             for ax in (left, right):
                 name_axis(ax.xaxis, "lowest set-point that ends stick-slip", "rad/s")
     return figure

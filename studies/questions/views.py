@@ -20,7 +20,7 @@ import models
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, TorqueDrag, read_survey, torque_drag, wells
 from studies.command_line import parser_of
-from toolbox import Scene, closed_loop, compose, limit_cycle, simulate, units
+from toolbox import Scene, closed_loop, compose, limit_cycle, simulate, use_units
 from toolbox.figures import film, spectrogram
 from toolbox.robustness import (
     DescribingFunction,
@@ -104,7 +104,7 @@ def main() -> None:
     asked = parser.parse_args()
     matplotlib.use("Agg")
     asked.out.mkdir(parents=True, exist_ok=True)
-    with units("metric"):
+    with use_units("metric"):
         found = response()
         found.bode()[0].figure.savefig(asked.out / "bode.png")
         found.nichols().figure.savefig(asked.out / "nichols.png")

@@ -76,7 +76,7 @@ FULL, BRIEF = "all phases and seeds, half an hour", "2 phases, 1 seed, 80 s"
 def well(depth: float, inclination: float = 0.0) -> DrillString:
     """The string of a depth [m] in a vertical hole, or with friction in one of that inclination [deg] from half of its depth on."""
     pipes = [
-        Section(depth - 200.0, "5 in", inner_diameter("5 in", "19.5 ppf"), mass="23.5 ppf", tool_joint=JOINT),
+        Section(depth - 200.0, "5 in", inner_diameter("5 in", "19.5 ppf"), mass_per_length="23.5 ppf", tool_joint=JOINT),
         Section(200.0, "6.75 in", "2.8125 in"),
     ]
     end, built = math.radians(inclination), (0.0, depth / 4, depth / 2, depth)

@@ -31,7 +31,7 @@ import numpy as np
 from controllers import SlidingMode, StiffPI
 from models import BitRock, Exponential, WhirlingCollar, wells, whirl_ratio
 from studies.command_line import figure_folder
-from toolbox import HybridSystem, compose, measure, plot, simulate, units
+from toolbox import HybridSystem, compose, measure, plot, simulate, use_units
 from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.equilibria import state_values
@@ -225,7 +225,7 @@ def cost_of_a_stiff_wall() -> str:
     lines = [f"{'wall':<22}{'impacts':>8}{'steps':>8}{'steps/impact':>14}{'in contact':>12}{'time per step':>15}"]
     start = {"chain.speed": (24.0, 24.0)}
     for stiffness in (1e7, 1e8, 1e9, 1e10, 1e11):
-        for damping in (1e3, 0.2 * math.sqrt(stiffness * WhirlingCollar().mass)):
+        for damping in (1e3, 0.2 * math.sqrt(stiffness * WhirlingCollar().modal_mass)):
             collar = WhirlingCollar(weight=1e5, wall_stiffness=stiffness, wall_damping=damping)
             lines.append(_cost(f"{stiffness:.0e} N/m, {damping:.0e}", simulate(compose(flywheel, collar), 2.0, start=start)))
     for restitution in (0.9, 0.5):
@@ -252,7 +252,7 @@ def main() -> None:
     named = {"stiff PI": driven(None), **{f"0.2 1/s, {way}": driven(0.2, way) for way in WAYS}}
     print(table({label: row(run) for label, run in named.items()}))
     shown = {f"0.2 1/s, {way}": (driven(0.2, way), first) for way, first in SHOWN.items()}
-    with units("metric"):  # what drillers read: rpm
+    with use_units("metric"):  # what drillers read: rpm
         draw(shown).savefig(folder / "whirl.png")
     draw_outcomes(found).savefig(folder / "whirl_outcomes.png")
     print(f"Figures are in {folder}")

@@ -13,7 +13,7 @@ from scipy import stats
 from scipy.io import savemat
 
 from controllers import PI
-from models import BitRock, BlockOnBelt, Coulomb, Drop, Exponential, Hyperbolic, wells
+from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, StepFriction, wells
 from studies.questions.synthetic import COLUMNS, FOLDER, NOISE, TRUTH, recording, true_rig, write
 from tests.dropping import Dropping
 from toolbox import Sampled, Scene, SceneError, closed_loop, compose, fit, measure, simulate
@@ -190,7 +190,7 @@ def test_an_estimate_at_its_bound_is_told():
 
 
 def test_a_break_of_a_law_is_located_by_the_measured_slip():
-    rig = compose(wells.JANSEN_2, BitRock(friction=Drop()))
+    rig = compose(wells.JANSEN_2, BitRock(friction=StepFriction()))
     speed = np.linspace(0.5, 3.0, 60)
     torque = 90e3 * 0.155575 * np.where(speed >= 1.5, 0.2, 0.31)
     found = fit(

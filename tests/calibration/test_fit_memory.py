@@ -55,8 +55,8 @@ LAWS = {
         ("stiffness", "damping", "steady.static", "steady.kinetic", "steady.decay"),
     ),
     "rate and state": (
-        RateAndState(base=0.8, direct=0.03, evolving=0.02, distance=0.02, speed=0.01, floor=1e-6),
-        RateAndState(base=0.6, direct=0.02, evolving=0.03, distance=0.04, speed=0.01, floor=1e-6),
+        RateAndState(base=0.8, direct=0.03, evolving=0.02, distance=0.02, speed=0.01, regularisation_speed=1e-6),
+        RateAndState(base=0.6, direct=0.02, evolving=0.03, distance=0.04, speed=0.01, regularisation_speed=1e-6),
         ("base", "direct", "evolving", "distance"),
     ),
     "of a user": (Worn(kinetic=1.2, life=6.0, stiffness=80.0), Worn(), ("kinetic", "life", "stiffness")),

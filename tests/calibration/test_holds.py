@@ -15,14 +15,14 @@ from toolbox.calibration import Recording, Search
 class Axis(Component):
     mass: Quantity = quantity(80.0, "kg", "mass", above=0)
     viscous: Quantity = quantity(150.0, "N s/m", "viscous friction", at_least=0)
-    offset: Quantity = quantity(0.1, "N", "offset of the force")
+    force_offset: Quantity = quantity(0.1, "N", "offset of the force")
     friction: FrictionLaw = Coulomb(static=15.0, kinetic=15.0)
 
     def equations(self, signal):
         x, v = state("axis.position", "m"), state("axis.speed", "m/s")
         rail = DryFriction("rail", v, self.friction)
         force = signal("axis.force", "N", default=0.0)
-        return Equations(flow={x: v, v: (force - self.offset - self.viscous * v + rail.force) / self.mass}, elements=[rail])
+        return Equations(flow={x: v, v: (force - self.force_offset - self.viscous * v + rail.force) / self.mass}, elements=[rail])
 
 
 def lap(seconds=6.0):
@@ -38,7 +38,7 @@ RANGES = dict(zip(NAMES, ((50, 200), (10, 500), (-10, 10), (5, 60), (5, 60)), st
 def test_the_closed_form_of_the_axis_is_the_motion_of_the_toolbox():
     time, force, position = lap(1.0)
     true = compose(Axis(mass=MASS, viscous=VISCOUS, offset=OFFSET, friction=Coulomb(LEVEL, LEVEL)))
-    inputs = Recording.of({"time": time, "axis.force": force, "axis.position": position}, true, held="axis.force").driving(true)
+    inputs = Recording.of({"time": time, "axis.force": force, "axis.position": position}, true, zero_order_hold="axis.force").driving(true)
     run = simulate(true, time[-1], inputs=inputs, output_times=time, accuracy=1e-10)
     assert np.abs(run["axis.position"] - position).max() < 3e-8  # half a step of the encoder
 
@@ -50,13 +50,13 @@ def test_an_axis_under_held_commands_has_its_numbers_in_their_intervals_and_not_
     log = {"time": time, "axis.force": force, "axis.position": position}
     names = [*NAMES, "axis.position", *(["axis.force.shift"] if shift else [])]
     ranges = {**RANGES, "axis.force.shift": (-0.005, 0.005)} if shift else RANGES
-    found = fit(compose(Axis()), log, names, ranges, starts=1, held="axis.force" if shift else None)
+    found = fit(compose(Axis()), log, names, ranges, starts=1, zero_order_hold="axis.force" if shift else None)
     assert list(found.held) == ["axis.force"] and "is held between its samples" in str(found)
     for name, value in TRUTH.items():
         low, high = found.interval(name)
         assert low <= value <= high and high - low < 2e-3 * abs(value), name
     if not shift:
-        lines = fit(compose(Axis()), log, names, RANGES, starts=1, held=())
+        lines = fit(compose(Axis()), log, names, RANGES, starts=1, zero_order_hold=())
         low, high = lines.interval("axis.mass")
         assert not low <= MASS <= high and lines.held == {}
 
@@ -79,4 +79,4 @@ def test_an_input_that_is_a_line_between_its_samples_stays_one():
 def test_who_declares_a_hold_names_a_channel():
     log = {"time": np.arange(9.0), "axis.force": np.arange(9.0), "axis.position": np.arange(9.0)}
     with pytest.raises(SceneError, match="no channel `axis.forc`"):
-        fit(compose(Axis()), log, ["axis.mass"], starts=Search(1), held="axis.forc")
+        fit(compose(Axis()), log, ["axis.mass"], starts=Search(1), zero_order_hold="axis.forc")

@@ -9,8 +9,8 @@ from toolbox.calibration import Identification, Recording
 from toolbox.commands.command_line import main
 
 TIME = np.arange(0.0, 4.0, 0.005)
-TRUE = Joint(inertia=0.02, offset=0.05, friction=Viscous(Coulomb(0.3, 0.3), 0.05))
-TRUTH = {"joint.inertia": 0.02, "joint.offset": 0.05, "bearing.friction.dry.static": 0.3, "bearing.friction.viscous": 0.05}
+TRUE = Joint(inertia=0.02, torque_offset=0.05, friction=Viscous(Coulomb(0.3, 0.3), 0.05))
+TRUTH = {"joint.inertia": 0.02, "joint.torque_offset": 0.05, "bearing.friction.dry.static": 0.3, "bearing.friction.viscous": 0.05}
 STEPS = np.where(TIME % 2.0 < 1.0, 1.0, -0.8)
 SINE = 1.2 * np.sin(4.0 * TIME)
 
@@ -20,7 +20,7 @@ def log(torque=None, speed=0.0, seed=0, joint=TRUE, held=False):
     plant, inputs = compose(joint), {}
     if torque is not None:
         data = {"time": TIME, "joint.torque": torque}
-        inputs = Recording.of(data, plant, held="joint.torque").driving(plant) if held else {"joint.torque": (TIME, torque)}
+        inputs = Recording.of(data, plant, zero_order_hold="joint.torque").driving(plant) if held else {"joint.torque": (TIME, torque)}
     run = simulate(plant, TIME[-1], inputs=inputs, start={"joint.speed": speed}, output_times=TIME)
     found = {"time": TIME, "joint.speed": run["joint.speed"] + 0.01 * np.random.default_rng(seed).standard_normal(TIME.size)}
     return found if torque is None else {**found, "joint.torque": torque}
@@ -37,8 +37,8 @@ def test_steady_points_give_stribeck_and_viscous_friction_together():
     found = identify({"axis.speed": speed, "axis.force": 5.0 + 15.0 * np.exp(-((speed / 0.07) ** 2)) + 35.0 * speed})
     named = {name.rpartition(".")[2]: value for name, value in zip(found.names, found.values, strict=True)}
     assert named == pytest.approx({"static": 20.0, "kinetic": 5.0, "stribeck_speed": 0.07, "viscous": 35.0})
-    assert set(found.untold) == {"axis.mass", "axis.offset"}
-    assert "accelerate by a measured force" in found.untold["axis.mass"] and "move both ways" in found.untold["axis.offset"]
+    assert set(found.untold) == {"axis.mass", "axis.force_offset"}
+    assert "accelerate by a measured force" in found.untold["axis.mass"] and "move both ways" in found.untold["axis.force_offset"]
 
 
 def test_steady_points_both_ways_give_friction_of_each_direction():
@@ -49,7 +49,7 @@ def test_steady_points_both_ways_give_friction_of_each_direction():
     assert found["bearing.friction.backward.dry.static"] == pytest.approx(0.565)
     assert found["bearing.friction.forward.viscous"] == pytest.approx(0.2)
     assert found["bearing.friction.backward.viscous"] == pytest.approx(0.3)
-    assert "differs by direction" in found.untold["joint.offset"]
+    assert "differs by direction" in found.untold["joint.torque_offset"]
 
 
 def test_a_coast_down_and_a_sine_and_steps_together_give_the_joint():
@@ -81,7 +81,7 @@ def test_a_gap_makes_two_runs_each_with_its_own_start():
 def test_the_clock_of_the_torque_is_found_to_be_late():
     data = log(SINE)
     late = {**data, "joint.torque": np.interp(TIME - 0.02, TIME, SINE)}
-    found = identify(late, "Joint", shifts="joint.torque")
+    found = identify(late, "Joint", delayed_signals="joint.torque")
     low, high = found.interval("joint.torque.shift")
     assert low <= 0.02 <= high and high - low < 2e-3
     assert found["joint.inertia"] == pytest.approx(0.02, rel=0.01)
@@ -134,10 +134,10 @@ def test_a_search_that_ends_where_nothing_moves_is_followed_by_others():
     torque = np.repeat(random.permutation([0.7, -0.8, 1.0, -1.1, 1.3]), 60)  # the first search ends at 2.8 N m
     time = np.arange(0.0, 3.0, 0.01)
     plant = compose(TRUE)
-    inputs = Recording.of({"time": time, "joint.torque": torque}, plant, held="joint.torque").driving(plant)
+    inputs = Recording.of({"time": time, "joint.torque": torque}, plant, zero_order_hold="joint.torque").driving(plant)
     run = simulate(plant, time[-1], inputs=inputs, output_times=time, accuracy=1e-9)
     speed = run["joint.speed"] + 0.02 * random.standard_normal(time.size)
-    found = identify({"time": time, "joint.torque": torque, "joint.speed": speed}, "Joint", held="joint.torque")
+    found = identify({"time": time, "joint.torque": torque, "joint.speed": speed}, "Joint", zero_order_hold="joint.torque")
     assert off(found, TRUTH) == [] and found.white
 
 

@@ -110,9 +110,9 @@ def test_a_flaw_that_is_data_can_be_kept():
     data = sines()
     data["block.speed"] = np.minimum(data["block.speed"], 0.8)
     assert Recording.of(data, BELT).found("block.speed")["clipped"] > 3
-    assert Recording.of(data, BELT, keep=["clipped"]).flaws == ()
+    assert Recording.of(data, BELT, accepted_flaws=["clipped"]).flaws == ()
     with pytest.raises(SceneError, match="did you mean `clipped`"):
-        Recording.of(data, BELT, keep=["cliped"])
+        Recording.of(data, BELT, accepted_flaws=["cliped"])
 
 
 def test_a_picture_shows_what_was_left_out_and_draws_no_line_over_a_gap(tmp_path):

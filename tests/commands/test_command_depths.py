@@ -39,7 +39,7 @@ def test_the_schedule_is_that_of_the_verb_with_c_for_the_drive_and_the_report_re
     printed = capsys.readouterr().out
     found = Schedule.load(out / "schedule.npz")
     assert str(found) in printed and found.depths == (2000.0, 2500.0) and [each.depth for each in found.checked] == [2000.0, 2250.0, 2500.0]
-    law = Scene.load(root / WELL, depth=2500.0)["soft torque"].designed[0]
+    law = Scene.load(root / WELL, depth=2500.0)["soft torque"].designed_controllers[0]
     assert found.gains_at(2500.0)["pi.integral"] == pytest.approx(law.integral, rel=1e-12)
     assert {each.name for each in out.iterdir()} == {
         "origin.json", "scene.toml", "drive.c", "drive.h", "drive_depth.c", *(f"schedule.{end}" for end in ("txt", "csv", "npz", "png")),

@@ -47,7 +47,7 @@ def test_every_case_is_printed_with_its_measured_error_and_nothing_is_written_wi
     scene = Scene.load(belt)
     for label in scene.labels:
         assert f"\n{label}\nTrajectory of BlockOnBelt" in printed
-        assert f"error {scene.run(label).error:.1e}" in printed
+        assert f"error {scene.run(label).error_estimate:.1e}" in printed
     assert [path.name for path in tmp_path.iterdir()] == ["belt.toml"]
 
 

@@ -22,7 +22,7 @@ class {name}(Controller):
 
     def continuous(self, signal):
         error = self.reference - signal("top.speed", "rad/s")
-        return Equations(gives={{"top.torque": (10_000.0 + self.damping * error, "N m")}})
+        return Equations(outputs={{"top.torque": (10_000.0 + self.damping * error, "N m")}})
 '''
 SCENE = """
 title = "own law"

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from models import Block, BristleContact, Coulomb, Drop, ElasticBody, Exponential
+from models import Block, BristleContact, Coulomb, ElasticBody, Exponential, StepFriction
 from toolbox import Sampled, SceneError, SimulationError, compose, simulate, time
 from toolbox.contacts import ContactProblem, press_contacts, step_contacts
 from toolbox.inputs import ramp, sine
@@ -68,9 +68,9 @@ def test_the_error_that_a_run_measures_is_the_one_it_makes_and_falls_with_the_st
         impulse = 500.0 * size * (phase**2 / 2 + np.cos(phase) - 1) / speed + MASS * size * speed * (1 - np.cos(phase))
         made.append(np.abs(np.cumsum(run.tangential[1:, 0, 0]) * step - impulse[1:]).max() / np.hypot(LOAD, impulse[-1]))
         assert np.abs(run.tangential[:, 0, 0] - exact).max() < 0.1 * exact.max()
-        assert "ask `run.error`" in str(run)
-        assert run.error == pytest.approx(made[-1], rel=0.1)
-        assert f"error {run.error:.1e}" in str(run)
+        assert "ask `run.error_estimate`" in str(run)
+        assert run.error_estimate == pytest.approx(made[-1], rel=0.1)
+        assert f"error {run.error_estimate:.1e}" in str(run)
     assert made[0] / made[1] == pytest.approx(2.0, rel=0.05)
 
 
@@ -83,9 +83,9 @@ def test_a_free_block_rests_on_its_friction_alone():
 
 
 def test_a_state_of_rest_has_no_error_of_a_step_and_that_of_a_run_that_failed_is_not_known():
-    assert press_contacts(block(500.0), {"force.x": 1.0}).error == 0.0
+    assert press_contacts(block(500.0), {"force.x": 1.0}).error_estimate == 0.0
     run = step_contacts(block(500.0), 1.0, step=0.1)
-    assert np.isnan(dataclasses.replace(run, _finer=None).error)
+    assert np.isnan(dataclasses.replace(run, _finer=None).error_estimate)
 
 
 def test_an_output_keeps_its_unit_beside_an_input_of_its_name():
@@ -141,7 +141,9 @@ def test_stick_slip_of_a_block_on_a_belt_converges_to_the_run_with_located_event
     for step in (0.008, 0.004, 0.002):
         run = step_contacts(problem, 12.0, step=step, inputs={"surface.x": 0.2})
         errors.append(np.abs(run["x"] - exact.at(run.time)["block.position"]).max())
-        assert run.error == pytest.approx(errors[-1] / np.abs(run["x"]).max(), rel=0.05)  # though forces jump where the block lets go
+        assert run.error_estimate == pytest.approx(
+            errors[-1] / np.abs(run["x"]).max(), rel=0.05
+        )  # though forces jump where the block lets go
     assert errors[-1] < 1e-2
     for coarse, fine in itertools.pairwise(errors):
         assert coarse / fine == pytest.approx(2.0, rel=0.15)
@@ -376,7 +378,7 @@ def test_impacts_take_what_falls_and_the_stepping_only_what_falls_with_the_step(
         ({"tangent": [[1.0]]}, "tangent"),
         ({"tangent": np.zeros((0, 1, 1))}, "at least one contact"),
         ({"friction": 0.3}, "friction law"),
-        ({"friction": Drop()}, "without breaks"),
+        ({"friction": StepFriction()}, "without breaks"),
         ({"friction": Coulomb(0.2, 0.3)}, "kinetic"),
         ({"force_inputs": {"pull": [1.0, 2.0]}}, "pull"),
         ({"contact_positions": [[0.0], [1.0]]}, "contact_positions"),
@@ -460,7 +462,7 @@ def test_a_body_whose_stiffness_has_the_wrong_sign_is_refused_and_one_that_is_sl
 
 
 def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
-    body = ElasticBody(np.eye(3), 1e4 * np.eye(3), entries=[[0, 1, 2]])
+    body = ElasticBody(np.eye(3), 1e4 * np.eye(3), dof_map=[[0, 1, 2]])
     reduced = body.reduced({"x.0": body.point(0, "x"), "y.0": body.point(0, "y"), "z.0": body.point(0, "z")})
     problem = reduced.mounted({"x.0": (5.0, 2.0)}).in_contact(Coulomb(0.3, 0.3), ("x", "y"), "z", pushed=("z.0",))
     assert problem.stiffness[0, 0] == pytest.approx(1e4 + 5.0)

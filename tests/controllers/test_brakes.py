@@ -201,6 +201,27 @@ def test_the_phased_dither_that_is_silent_at_once_is_loud_through_the_actuator_o
     assert ideal < 2 <= alone < real
 
 
+def test_behind_the_actuator_a_deep_sine_is_never_above_the_triangle_of_its_rate_and_near_it_and_a_shallow_one_has_the_lag():
+    for frequency in (60.0, 150.0):
+        assert brakes.triangle(frequency) == pytest.approx(20_000.0 / (4.0 * frequency * brakes.NEEDED))
+        # the force turns round where it meets the command, a little before the triangle would
+        assert 0.97 < brakes.delivered(frequency, 0.9) / brakes.triangle(frequency) <= 1.0
+        assert brakes.delivered(frequency, 0.01) == pytest.approx(0.01 / math.hypot(1.0, 2 * math.pi * frequency * 0.01), rel=1e-3)
+
+
+def test_no_sine_silences_a_stop_from_7_km_h_and_at_three_times_the_frequency_of_the_pad_it_makes_a_stop_from_30_km_h_louder():
+    for frequency, depth in ((20.0, 0.9), (100.0, 0.5), (300.0, 0.9)):
+        assert brakes.dithered(frequency, depth, ideal=False, start=brakes.SHORT) >= 2
+    alone, ideal = (brakes.dithered(0.0, 0.0, each, brakes.SHORT) for each in (False, True))
+    assert alone >= 2 and brakes.dithered(60.0, 0.9, ideal=True, start=brakes.SHORT) > 3 * ideal
+    assert brakes.dithered(150.0, 0.9, ideal=False) > 3 * brakes.dithered(0.0, 0.0, ideal=False)
+
+
+def test_phased_dither_helps_at_once_and_harms_2_ms_late():
+    at_once, late = (brakes.phased_late(each, start=brakes.SHORT) for each in (0.0, 0.002))
+    assert at_once < 2 <= brakes.dithered(0.0, 0.0, ideal=True, start=brakes.SHORT) < late
+
+
 def test_stops_of_the_study_stand_after_the_planned_distance_where_nothing_is_off():
     row = brakes.Contender("sliding mode", partial(BrakeSlidingMode, **brakes.COMMONLY, force_rate=None), ideal=True)
     found = brakes.stop_of(brakes.run_of(row, 2.5))

@@ -17,10 +17,10 @@ from controllers import (
     ImplicitSlidingMode,
     LinearMPC,
     NonlinearMPC,
-    OnEstimates,
     SlidingMode,
     SoftTorque,
     StiffPI,
+    StringObserverController,
     SuperTwisting,
     ZTorque,
 )
@@ -36,7 +36,7 @@ NUMBERS = {"reference": 12.0, "lowest_torque": 0.0, "highest_torque": 20_000.0}
 SLIDING = (SlidingMode, ImplicitSlidingMode, SuperTwisting, ImpedanceSuperTwisting)
 LAWS = {kind.__name__: lambda late, kind=kind: kind(delay_samples=late, **NUMBERS) for kind in SLIDING}
 LAWS |= {
-    f"{kind.__name__} on estimates": lambda late, kind=kind: OnEstimates(kind(**NUMBERS), Kalman(), delay_samples=late)
+    f"{kind.__name__} on estimates": lambda late, kind=kind: StringObserverController(kind(**NUMBERS), Kalman(), delay_samples=late)
     for kind in (*SLIDING, LQR)
 }
 LAWS |= {
@@ -85,7 +85,7 @@ def test_estimates_for_the_instant_of_arrival_are_those_of_the_string_then_and_n
     # no rock, no noise: the model is that of the string, but for a measurement that is held over a sample
     free, late, off = compose(wells.JANSEN_2, BitRock(weight=0.0)), 0.1, {}
     for h in (0.02, 0.01):
-        law = OnEstimates(PI(reference=4.0), Kalman(), delay_samples=round(late / h))
+        law = StringObserverController(PI(reference=4.0), Kalman(), delay_samples=round(late / h))
         run = simulate(free, 30.0, controller=Sampled(law, h, delay=late), inputs={"top.reference": sine(4.0, 1.0, 0.1)})
         times = np.arange(15.0, 29.0, 0.1)
         seen, then, now = run.at(times + late + h / 2)["estimate.top.speed"], run.at(times + late)["top.speed"], run.at(times)["top.speed"]

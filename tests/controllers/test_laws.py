@@ -347,9 +347,9 @@ def test_with_a_rock_of_constant_torque_the_poles_under_lqg_are_those_of_regulat
 def test_h_infinity_keeps_the_norm_it_names_at_every_frequency_and_no_law_can_keep_much_less():
     law = HInfinity(reference=4.0).design(RIG)
     model, _, _, A = drilling_point(RIG, 4.0)
-    n, many = law.order, len(law.matrix_indices)
+    n, many = law.order, len(law.nonzero_indices)
     A_K, (B_K, C_K, _) = np.zeros((n, n)), np.array(law.controller_matrices[many:]).reshape(3, n)
-    A_K.flat[list(law.matrix_indices)] = law.controller_matrices[:many]
+    A_K.flat[list(law.nonzero_indices)] = law.controller_matrices[:many]
     worst = 0.0
     for om in np.geomspace(1e-3, 100.0, 400):
         K = C_K @ np.linalg.solve(1j * om * np.eye(n) - A_K, B_K)

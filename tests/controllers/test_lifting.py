@@ -134,7 +134,7 @@ def test_a_step_of_the_weight_is_held(times):
 
 def test_smooth_running_has_the_margins_of_the_law_inside_and_it_begins_where_the_string_turns():
     alone, lifted = (
-        margins(closed_loop(RIG, sampled(law)), measured=False).disk_margin
+        margins(closed_loop(RIG, sampled(law)), by_simulation=False).disk_margin
         for law in (z_torque(8.0), Lifting(law=z_torque(8.0), reference=8.0))
     )
     assert lifted == pytest.approx(alone, rel=1e-6)
@@ -189,7 +189,7 @@ def test_the_weight_that_is_asked_is_a_signal_and_without_relief_the_weight_is_n
 def test_a_law_that_may_take_weight_off_has_the_margins_of_the_same_law_without():
     law = PI(reference=6.0, **LIMITS)
     plain, relieving = (
-        margins(closed_loop(RIG, sampled(Lifting(law=law, reference=6.0, **more))), measured=False) for more in ({}, RELIEVING)
+        margins(closed_loop(RIG, sampled(Lifting(law=law, reference=6.0, **more))), by_simulation=False) for more in ({}, RELIEVING)
     )
     assert relieving.stable and relieving.disk_margin == pytest.approx(plain.disk_margin, rel=1e-9)
     assert relieving.operating_point["bit.weight"] == pytest.approx(97_347.0, rel=1e-12)
@@ -243,7 +243,7 @@ def test_a_limit_of_the_speed_lowers_the_torque_above_it_and_nothing_else_knows_
     times = np.arange(150.0, 250.0, 0.1)
     np.testing.assert_allclose(held.at(times)["top.speed"], free.at(times)["top.speed"], rtol=1e-6)  # the start from rest was braked
     found = [
-        margins(closed_loop(RIG, sampled(Lifting(law=plain, reference=6.0, speed_limit_factor=each))), measured=False)
+        margins(closed_loop(RIG, sampled(Lifting(law=plain, reference=6.0, speed_limit_factor=each))), by_simulation=False)
         for each in (None, 1.5)
     ]
     assert found[0].disk_margin == pytest.approx(found[1].disk_margin, rel=1e-9)

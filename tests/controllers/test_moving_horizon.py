@@ -13,7 +13,7 @@ from controllers import LQR, StiffPI
 from controllers.observers import Kalman, MovingHorizon
 from models import BitRock, BlockOnBelt, wells
 from toolbox import Sampled, SceneError, compose, simulate
-from toolbox.modelling import Observed
+from toolbox.modelling import ObserverBasedController
 
 RIG = compose(wells.JANSEN_2, BitRock())
 FREE = {"lowest_speed": None, "lowest_torque": None}
@@ -41,7 +41,7 @@ def test_without_limits_it_is_the_stationary_kalman_filter_whatever_its_window(w
 
 def in_stick_slip(observer, seed=1):
     """Estimated and true bit speed and torque in the stick-slip of a stiff drive, seen through noise."""
-    run = simulate(RIG, 60.0, controller=Sampled(Observed(StiffPI(), observer), 0.05, noise={"top.speed": 0.01}, seed=seed))
+    run = simulate(RIG, 60.0, controller=Sampled(ObserverBasedController(StiffPI(), observer), 0.05, noise={"top.speed": 0.01}, seed=seed))
     estimates = run.controllers[0].estimates
     true = run.at(np.arange(len(estimates)) * 0.05)
     assert run.controllers[0].estimator.failures == 0
@@ -84,7 +84,12 @@ def test_limits_that_are_not_reached_change_nothing_and_a_heavier_rock_is_found(
 def test_a_regulator_on_its_estimates_ends_the_stick_slip_that_a_stiff_drive_keeps():
     stuck = {}
     for law in (LQR(reference=6.0, **LIMITS), StiffPI(reference=6.0, **LIMITS)):
-        loop = Sampled(Observed(law, MovingHorizon(delay=0.03, torque_process_noise=2000.0)), 0.05, delay=0.03, noise={"top.speed": 0.01})
+        loop = Sampled(
+            ObserverBasedController(law, MovingHorizon(delay=0.03, torque_process_noise=2000.0)),
+            0.05,
+            delay=0.03,
+            noise={"top.speed": 0.01},
+        )
         run = simulate(RIG, 100.0, controller=loop)
         stuck[type(law).__name__] = run.time_in("bit", "stick", after=60.0)
     assert stuck["LQR"] == 0.0
@@ -93,7 +98,13 @@ def test_a_regulator_on_its_estimates_ends_the_stick_slip_that_a_stiff_drive_kee
 
 def test_a_law_on_its_estimates_follows_a_set_point_as_the_same_law_on_a_filter():
     ends = [
-        simulate(RIG, 80.0, controller=Observed(LQR(reference=8.0, **LIMITS), observer), sample_time=0.05, inputs={"top.reference": 9.0})
+        simulate(
+            RIG,
+            80.0,
+            controller=ObserverBasedController(LQR(reference=8.0, **LIMITS), observer),
+            sample_time=0.05,
+            inputs={"top.reference": 9.0},
+        )
         for observer in (MovingHorizon(), Kalman(period=0.05))
     ]
     for run in ends:
@@ -102,7 +113,7 @@ def test_a_law_on_its_estimates_follows_a_set_point_as_the_same_law_on_a_filter(
 
 
 def test_designed_observers_copy_and_pickle_with_their_memory():
-    law = Observed(StiffPI(), MovingHorizon()).design(RIG)
+    law = ObserverBasedController(StiffPI(), MovingHorizon()).design(RIG)
     for k in range(5):
         law(0.05 * k, np.array([0.1 * k, 0.0, 8.0]))
     torques = [twin(0.25, np.array([0.6, 0.0, 8.0])) for twin in (copy.deepcopy(law), pickle.loads(pickle.dumps(law)), law)]
@@ -113,7 +124,7 @@ def test_designed_observers_copy_and_pickle_with_their_memory():
 
 def test_bad_arguments_are_named():
     def run(observer, plant=RIG, **more):
-        return simulate(plant, 1.0, controller=Observed(StiffPI(), observer, **more), sample_time=0.05)
+        return simulate(plant, 1.0, controller=ObserverBasedController(StiffPI(), observer, **more), sample_time=0.05)
 
     for wrong, name in (
         ({"window": 0}, "window"),
@@ -126,6 +137,6 @@ def test_bad_arguments_are_named():
     with pytest.raises(SceneError, match="`delay_samples` must be 0"):
         run(MovingHorizon(), delay_samples=2)
     with pytest.raises(SceneError, match=r"`sample_time` must be 0\.05 s"):
-        simulate(RIG, 1.0, controller=Observed(StiffPI(), MovingHorizon()), sample_time=0.1)
+        simulate(RIG, 1.0, controller=ObserverBasedController(StiffPI(), MovingHorizon()), sample_time=0.1)
     with pytest.raises(SceneError, match="drill string"):
         run(MovingHorizon(), compose(BlockOnBelt()))

@@ -15,17 +15,17 @@ from controllers import (
     ImplicitSlidingMode,
     LinearMPC,
     NonlinearMPC,
-    OnEstimates,
     SlidingMode,
     SoftTorque,
     StiffPI,
+    StringObserverController,
     SuperTwisting,
     ZTorque,
 )
 from controllers.observers import DisturbanceObserver, Kalman, SlidingObserver
 from models import BitRock, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, simulate
-from toolbox.modelling import Observed, Takeover
+from toolbox.modelling import ObserverBasedController, Takeover
 
 SPEED, AT, WEIGHT = 12.0, 40.0, 97_347.0
 RIG = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
@@ -40,10 +40,10 @@ RIGS = {
 }
 STATES = (LQR, SlidingMode, ImplicitSlidingMode, SuperTwisting, ImpedanceSuperTwisting)
 LAWS = {kind.__name__: kind(**NUMBERS) for kind in (StiffPI, PI, SoftTorque, ActiveDamping, ZTorque, HInfinity, LQG, *STATES)}
-LAWS |= {f"{kind.__name__} on estimates": OnEstimates(kind(**NUMBERS), Kalman()) for kind in STATES}
+LAWS |= {f"{kind.__name__} on estimates": StringObserverController(kind(**NUMBERS), Kalman()) for kind in STATES}
 LAWS |= {
-    "LQR on a disturbance observer": OnEstimates(LQR(**NUMBERS), DisturbanceObserver()),
-    "LQR on a sliding observer": OnEstimates(LQR(**NUMBERS), SlidingObserver()),
+    "LQR on a disturbance observer": StringObserverController(LQR(**NUMBERS), DisturbanceObserver()),
+    "LQR on a sliding observer": StringObserverController(LQR(**NUMBERS), SlidingObserver()),
     "LQG, commands late": LQG(delay_samples=3, **NUMBERS),
     "PI with a rate limit": PI(torque_rate=20_000.0, **NUMBERS),
 }
@@ -123,8 +123,8 @@ def test_laws_in_python_of_two_sample_times_are_refused():
 
 @pytest.mark.parametrize("kind", [LQR, SlidingMode])
 def test_an_observer_that_does_not_know_where_the_string_is_kicks_the_drive(kind):
-    # the twin: toolbox.modelling.Observed starts its observer at rest
-    run = smooth(Takeover(SoftTorque(**NUMBERS), Observed(kind(**NUMBERS), Kalman()), at=AT), RIGS["declared"])
+    # the twin: toolbox.modelling.ObserverBasedController starts its observer at rest
+    run = smooth(Takeover(SoftTorque(**NUMBERS), ObserverBasedController(kind(**NUMBERS), Kalman()), at=AT), RIGS["declared"])
     before, held = torques(run, 0.01)
     assert np.abs(held / before - 1.0).max() > 0.3
 

@@ -29,12 +29,12 @@ from controllers import (
     LinearMPC,
     NonlinearMPC,
     NormalDither,
-    OnEstimates,
     PhasedDither,
     SlidingMode,
     SoftTorque,
     SquareDither,
     StiffPI,
+    StringObserverController,
     SuperTwisting,
     SweptDither,
     ZTorque,
@@ -43,7 +43,7 @@ from controllers.observers import Kalman, MovingHorizon
 from models import BitRock, DiscBrake, wells
 from toolbox import Controller, SceneError, closed_loop, compose, limit_cycle, margins, onset, severity_map, simulate, sweep, worst_case
 from toolbox.errors import SimulationError
-from toolbox.modelling import Observed, Takeover
+from toolbox.modelling import ObserverBasedController, Takeover
 from toolbox.modelling.closing import described
 
 RIG, BRAKE = compose(wells.JANSEN_2, BitRock(weight="97.347 kN")), compose(DiscBrake())
@@ -100,8 +100,8 @@ BOTH = (PI, StiffPI, SoftTorque, ActiveDamping, ZTorque, HInfinity, LQR, LQG, Sl
 LAWS = {kind.__name__: sampled(kind(**NUMBERS)) for kind in (*BOTH, ImplicitSlidingMode, SuperTwisting, ImpedanceSuperTwisting)}
 LAWS |= {f"{kind.__name__}, continuous": continuous(kind(reference=8.0)) for kind in (*BOTH, IdealSlidingMode)}
 LAWS |= {
-    "LQR on estimates": sampled(OnEstimates(LQR(**NUMBERS), Kalman())),
-    "LQR observed": sampled(Observed(LQR(**NUMBERS), Kalman())),
+    "LQR on estimates": sampled(StringObserverController(LQR(**NUMBERS), Kalman())),
+    "LQR observed": sampled(ObserverBasedController(LQR(**NUMBERS), Kalman())),
     "Lifting": sampled(Lifting(PI(**NUMBERS), reference=8.0)),
     "Takeover": sampled(Takeover(StiffPI(**NUMBERS), PI(**NUMBERS), at=2.0), **MOVING),
     "LinearMPC": python(LinearMPC(**NUMBERS)),
@@ -110,7 +110,7 @@ LAWS |= {
     "Lifting around NonlinearMPC": python(Lifting(NonlinearMPC(**NUMBERS), reference=8.0)),
     "Takeover by LinearMPC": python(Takeover(StiffPI(**NUMBERS), LinearMPC(**NUMBERS), at=2.0)),
     "Takeover by NonlinearMPC": python(Takeover(StiffPI(**NUMBERS), NonlinearMPC(**NUMBERS), at=2.0)),
-    "LQR on a moving horizon": python(Observed(LQR(**NUMBERS), MovingHorizon()), MovingHorizon().period),
+    "LQR on a moving horizon": python(ObserverBasedController(LQR(**NUMBERS), MovingHorizon()), MovingHorizon().period),
     "function": python(in_python, onset="There is no number `top.reference`", map="There is no number `top.reference`", **UNKNOWN),
     "NormalDither": sampled([PI(**NUMBERS), NormalDither(depth=0.1)], **MOVING),
     "SquareDither": sampled([PI(**NUMBERS), SquareDither(depth=0.1)], **MOVING, worst_case=UNKNOWN["worst_case"]),
@@ -172,7 +172,7 @@ def test_sweep_answers(name):
 def test_margins_answer_by_a_linear_loop_or_say_why_there_is_none(name):
     if refused(name, "margins", margins):
         return
-    found = margins(LAWS[name].loop, measured=False)
+    found = margins(LAWS[name].loop, by_simulation=False)
     whys = {
         "Ideal": "switches",
         "Twisting": "not finite near steady|no steady running was found at which the law is smooth",
@@ -207,20 +207,20 @@ def test_worst_case_answers_from_smooth_running_in_which_the_declared_machine_st
         return
     found = question(LAWS[name].loop)
     assert len(found.outcomes) == 2 and not any(outcome.failure for outcome in found.outcomes)
-    cold = "horizon" in name  # an observer that `Observed` starts takes the bit for stuck
+    cold = "horizon" in name  # an observer that `ObserverBasedController` starts takes the bit for stuck
     assert all((outcome.stuck > 0.0) == cold and (cold or not outcome.rate > 0) for outcome in found.outcomes)
 
 
 @pytest.mark.parametrize("name", [name for name in LAWS if "onset" in LAWS[name].refuses])
 def test_onset_refuses_what_has_none(name):
     parameter, between = ("pad.friction.kinetic", (0.2, 0.35)) if LAWS[name].brake else ("top.reference", (3.0, 9.0))
-    assert refused(name, "onset", lambda loop: onset(loop, parameter, between, values=3))
+    assert refused(name, "onset", lambda loop: onset(loop, parameter, between, num_values=3))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in LAWS if "onset" not in LAWS[name].refuses])
 def test_onset_answers_with_a_loss_or_says_how_far_smooth_running_holds(name):
-    found = onset(LAWS[name].loop, "top.reference", (3.0, 9.0), values=3, tolerance=0.1, duration=150.0)
+    found = onset(LAWS[name].loop, "top.reference", (3.0, 9.0), num_values=3, tolerance=0.1, duration=150.0)
     assert len(found.smooth) == 4 and found.parameter == "top.reference"
     assert all(3.0 <= border.value <= 9.0 for border in found.losses)
     assert found.smooth[-1].regime != "" and found.at == 8.0

@@ -111,7 +111,7 @@ def test_the_observer_of_h_infinity_decays_while_its_command_is_cut_and_no_perio
     law = HInfinity(lowest_torque=0.0, highest_torque=2e4).design(compose(wells.JANSEN_2, BitRock(weight=80e3)))
     n = law.order
     A = np.zeros((n, n))
-    A.ravel()[list(law.matrix_indices) or slice(None)] = law.controller_matrices[: -3 * n]
+    A.ravel()[list(law.nonzero_indices) or slice(None)] = law.controller_matrices[: -3 * n]
     _, C, drive = np.reshape(law.controller_matrices[-3 * n :], (3, n))
     poles = np.linalg.eigvals(A - np.outer(drive, C))
     assert poles.real.max() < 0.0

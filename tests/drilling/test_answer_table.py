@@ -61,7 +61,7 @@ def test_the_lowest_set_points_hold_and_the_ones_below_fail(loop, searched):
     for speed, holds in ((takeover, True), (takeover - 0.5, False)):
         at = loop.at("top.reference", speed)
         assert worst_case(at, 200.0, starts=TakenOver(StiffPI(), 2)).survives == holds
-    borders = onset(loop, "top.reference", (6.0, 9.0), values=9)
+    borders = onset(loop, "top.reference", (6.0, 9.0), num_values=9)
     assert own.own_end == pytest.approx(borders.end) and takeover <= own.own_end + 0.5
 
 

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from controllers import OnEstimates, SoftTorque, StiffPI
+from controllers import SoftTorque, StiffPI, StringObserverController
 from controllers.observers import Ensemble
 from models import BlockOnBelt
 from studies.benchmarks.beside_the_rig import PERIOD, REGIMES, RIG, case, followed, judged, onset_of, scores
@@ -98,7 +98,7 @@ def test_an_onset_is_told_within_three_periods(seed):
 
 
 def test_a_law_acts_on_the_estimates():
-    loop = closed_loop(RIG, Sampled(OnEstimates(SoftTorque(reference=11.0), Ensemble(members=16)), PERIOD))
+    loop = closed_loop(RIG, Sampled(StringObserverController(SoftTorque(reference=11.0), Ensemble(members=16)), PERIOD))
     run = simulate(loop, 20.0)
     at = np.linspace(10.0, 19.9, 100)
     assert np.abs(run.at(at)["bit.speed"] - 11.0).max() < 8.0  # it turns; the start from rest dies away

@@ -102,7 +102,7 @@ def test_what_is_known_is_not_asked_again_and_another_machine_is(found, monkeypa
 def test_smooth_running_that_grows_is_no_success_however_calm_the_window(speed):
     """The same border as that of `onset`, which follows smooth running to where it is lost."""
     loop = closed_loop(PLANT, PI(), sample_time=0.01)
-    lost = onset(loop, "top.reference", (3.5, 4.5), values=3, tolerance=0.1).loss
+    lost = onset(loop, "top.reference", (3.5, 4.5), num_values=3, tolerance=0.1).loss
     assert 3.6 < lost < 4.4
     grows, name = Trial(loop, StiffPI()).growth([Machine("nominal")], speed)
     assert (grows > 0.0) == (speed < lost)
@@ -407,7 +407,7 @@ def test_a_law_in_python_is_tried_on_another_plant_too():
     other = compose(wells.JANSEN_2, BitRock(weight=97_347.0, friction=Coulomb(0.8, 0.5)))
     trial, machine = Trial(closed_loop(PLANT, Sampled(InPython(), 0.1)), StiffPI()), Machine("Coulomb", plant=other)
     loop, _ = trial.takes_over(machine, BRIEF, 9.0, "takeover", 0, trial.takeover(9.0))
-    (law,) = loop.designed
+    (law,) = loop.designed_controllers
     assert isinstance(law.inside[0], Called)
 
 

@@ -22,7 +22,7 @@ JOINT = ToolJoint("6.625 in", "3.25 in", "21 in", every="31.7 ft")
 
 
 def sections(depth):
-    pipe = Section(depth - 200.0, "5 in", inner_diameter("5 in", "19.5 ppf"), mass="23.5 ppf", tool_joint=JOINT)
+    pipe = Section(depth - 200.0, "5 in", inner_diameter("5 in", "19.5 ppf"), mass_per_length="23.5 ppf", tool_joint=JOINT)
     return [pipe, Section(200.0, "6.75 in", "2.8125 in")]
 
 
@@ -72,7 +72,7 @@ def test_one_law_over_depth_ends_stick_slip_where_that_of_no_single_depth_does()
         assert held > 1.0, depth
     for each in found.checked:
         assert each.disk_margin == pytest.approx(
-            margins(closed_loop(well(each.depth), found.law_at(each.depth)), measured=False).disk_margin
+            margins(closed_loop(well(each.depth), found.law_at(each.depth)), by_simulation=False).disk_margin
         )
 
 

@@ -35,7 +35,7 @@ def found():
 def test_the_window_of_a_depth_is_between_the_borders_that_onset_finds(found):
     for i, depth in enumerate((1000.0, 2000.0)):
         for j, weight in enumerate((70e3, 90e3)):
-            one = onset(closed_loop(well(depth), LAW).at("bit.weight", weight), "top.reference", OVER["top.reference"], values=7)
+            one = onset(closed_loop(well(depth), LAW).at("bit.weight", weight), "top.reference", OVER["top.reference"], num_values=7)
             assert found.free[i, j] == pytest.approx(one.end, rel=0.02)
             assert found.smooth[i, j] == pytest.approx(one.loss, rel=0.02) and found.smooth[i, j] < found.free[i, j]
     assert (found.free[1] != found.free[0]).all()  # depth counts
@@ -49,9 +49,9 @@ def test_margins_are_those_of_the_working_point(found):
             found.onset_margins[i], [(point - found.smooth_from[i, 1]) / point, (point - found.free_from[i, 1]) / point]
         )
         loop = closed_loop(well(depth), LAW)
-        assert found.disk_margin[i] == margins(loop, measured=False).disk_margin
+        assert found.disk_margin[i] == margins(loop, by_simulation=False).disk_margin
         for part, stable in ((1.01, True), (0.97, False)):
-            assert margins(loop.at("top.reference", float(found.smooth_from[i, 1]) * part), measured=False).stable is stable
+            assert margins(loop.at("top.reference", float(found.smooth_from[i, 1]) * part), by_simulation=False).stable is stable
 
 
 def test_a_range_that_is_free_and_one_without_a_window_are_told():

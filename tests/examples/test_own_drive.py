@@ -70,5 +70,5 @@ def test_sampled_at_100_hertz_it_still_frees_the_bit(stickslip_checks):
 
 
 def test_neither_a_disturbance_nor_an_existing_stick_slip_survives_above_90_rpm(stickslip_checks):
-    found = stickslip_checks.onset_below(closed_loop(RIG, Yielding()), "top.reference", 9.4, (2.0, 14.0), values=7, tolerance=0.1)
+    found = stickslip_checks.onset_below(closed_loop(RIG, Yielding()), "top.reference", 9.4, (2.0, 14.0), num_values=7, tolerance=0.1)
     assert found.loss < found.end

@@ -40,7 +40,7 @@ run = simulate(rig, "20 s", controller=StiffPI(reference="95 rpm"))
 assert_type(run, Trajectory)
 assert_type(run["bit.speed"], Floats)
 assert_type(run.time, Floats)
-assert_type(run.error, float)
+assert_type(run.error_estimate, float)
 assert_type(run.steps, tuple[int, int])
 assert_type(run.events[0].time, float)
 assert_type(run.events[0].element, str)
@@ -62,7 +62,7 @@ found = onset(
     closed_loop(rig, StiffPI()).at("top.reference", "125 rpm"),
     "top.reference",
     ("100 rpm", "130 rpm"),
-    values=3,
+    num_values=3,
     duration="40 s",
     tolerance="5 rpm",
 )

@@ -53,7 +53,7 @@ simulate(rig, "5 s", controller=sampled, inputs={"top.reference": ramp("35 rpm",
 point = equilibrium(closed_loop(rig, inputs={"top.torque": "20 kN m"}))
 linearise(closed_loop(rig, inputs={"top.torque": "20 kN m"}))
 pole_locus(closed_loop(rig, stiff), "top.reference", ["60 rpm", 8.0])
-hopf_points(closed_loop(rig, stiff), "top.reference", ("20 rpm", "130 rpm"), values=5)
+hopf_points(closed_loop(rig, stiff), "top.reference", ("20 rpm", "130 rpm"), num_values=5)
 hopf_curve(closed_loop(rig, stiff), "top.reference", ("20 rpm", "130 rpm"), "bit.weight", ["97 kN", 98e3])
 performance_limit(rig, {"top.speed": "90 rpm"}, period="10 ms", delay="5 ms")
 impedance(stiff, frequency=[1.0], speed="60 rpm", inertia="2 t m2")
@@ -64,7 +64,7 @@ found = onset(
     ("60 rpm", "140 rpm"),
     duration="20 s",
     tolerance="10 rpm",
-    values=3,
+    num_values=3,
 )
 charted = severity_map(
     closed_loop(rig, stiff),

@@ -33,7 +33,7 @@ from controllers.observers import Kalman
 from controllers.string_model import drilling_point
 from models import BitRock, wells
 from toolbox import ClosedLoop, Controller, Sampled, SceneError, closed_loop, compose, export_c, linearise, simulate, to_control
-from toolbox.modelling import Observed, Takeover
+from toolbox.modelling import ObserverBasedController, Takeover
 
 PLANT = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
@@ -90,7 +90,7 @@ LAWS = {
     "LQR": LQR(reference=8.0),
     "LQG": LQG(reference=8.0, delay_samples=2, **LIMITS),
     "HInfinity": HInfinity(reference=8.0),
-    "Observed": Observed(SlidingMode(reference=8.0, **LIMITS), Kalman()),
+    "ObserverBasedController": ObserverBasedController(SlidingMode(reference=8.0, **LIMITS), Kalman()),
     "Lifting": Lifting(PI(reference=8.0, **LIMITS)),
     "Lifting with relief": Lifting(PI(reference=8.0, **LIMITS), weight_relief=0.4, speed_limit_factor=1.2),
 }

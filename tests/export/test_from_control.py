@@ -145,9 +145,9 @@ def test_about_a_working_point_the_system_sees_deviations():
 @pytest.mark.slow
 def test_it_is_a_law_like_any_other(tmp_path):
     law = from_control(pi(), reference=9.95, **SIGNALS)
-    found = onset(closed_loop(RIG, law), "top.reference", (5.0, 14.0), values=4)
+    found = onset(closed_loop(RIG, law), "top.reference", (5.0, 14.0), num_values=4)
     assert found.end is not None
-    assert found.end == pytest.approx(onset(closed_loop(RIG, DRIVE), "top.reference", (5.0, 14.0), values=4).end, rel=1e-3)
+    assert found.end == pytest.approx(onset(closed_loop(RIG, DRIVE), "top.reference", (5.0, 14.0), num_values=4).end, rel=1e-3)
     table = sweep(closed_loop(RIG, law), {"bit.weight": [80e3, 97e3]}, duration=60.0, metrics={"stuck": metrics.stuck_ratio("bit", 30.0)})
     assert table.metrics["stuck"].shape == (2,)
     source, header = export_c(closed_loop(RIG, law, sample_time=0.01), tmp_path / "drive")

@@ -30,7 +30,7 @@ from toolbox import (
     simulate,
     sweep,
     tune,
-    units,
+    use_units,
 )
 from toolbox.commands.command_line import main
 from toolbox.files.unit_systems import asked_in, asked_units
@@ -100,7 +100,7 @@ def test_a_run_is_reported_and_drawn_in_the_units_of_its_inputs_parameters_and_l
     found = compare(run, saved, signals=["bit.speed", "bit.torque"], labels=("constant", "soft torque"))
     assert found["bit.speed, maximum"].second == pytest.approx(law["bit.speed"].max(), rel=1e-3)
     assert "rpm" in str(found) and "kN m" in str(found) and "rad/s" not in str(found)
-    with units("si"):
+    with use_units("si"):
         assert "rpm" not in str(saved) and "kN" not in str(found)
 
 
@@ -137,7 +137,7 @@ def test_margins_and_limits_answer_in_the_units_of_their_working_point():
         assert " at top.reference = 95 rpm, top.torque = " in str(found) and found.operating_point["top.reference"] == pytest.approx(
             95 * RPM
         )
-    with units("metric"):
+    with use_units("metric"):
         assert f"top.torque = {found.operating_point['top.torque'] / 1e3:.4g} kN m" in str(found)
     limit = performance_limit(closed_loop(RIG, parameters={"bit.weight": "90 kN"}), {"top.speed": "40 rpm"})
     assert " at top.speed = 40 rpm, top.torque = " in str(limit) and limit.display_units == {"rad/s": "rpm", "N": "kN"}
@@ -149,7 +149,7 @@ def test_the_limit_of_absorbers_answers_in_the_unit_of_its_range():
     found, plain = (absorber_limit(RIG, between) for between in (("5 rpm", "100 rpm"), (5 * RPM, 100 * RPM)))
     assert found.speed == plain.speed and f"down to {found.speed / RPM:.4g} rpm: damping {found.damping:.4g} N m s/rad" in str(found)
     assert f"down to {found.speed:.4g} rad/s" in str(plain)
-    with units("metric"):
+    with use_units("metric"):
         assert f"damping {found.damping / 1e3:.4g} kN m s/rad" in str(plain)
 
 

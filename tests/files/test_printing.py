@@ -89,7 +89,7 @@ def test_a_map_and_an_onset_show_verdicts_and_borders():
 
 @pytest.mark.slow
 def test_an_onset_shows_its_borders_and_the_verdict_at_each_value():
-    found = onset(compose(oscillators.THOMSEN_FIDLIN), "block.belt_speed", (0.3, 0.5), values=4, tolerance=1e-2)
+    found = onset(compose(oscillators.THOMSEN_FIDLIN), "block.belt_speed", (0.3, 0.5), num_values=4, tolerance=1e-2)
     rows = cells(found._repr_html_())
     assert rows[0][:2] == ["border", "block.belt_speed"]
     assert f"{found.loss:.6g} m/s" in [row[1] for row in rows if row[0] == "smooth running is lost"]

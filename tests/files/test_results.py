@@ -77,7 +77,7 @@ BELT = compose(BlockOnBelt())
 
 
 def of_onset():
-    return onset(closed_loop(RIG, PI(4_000.0, 1_500.0)), "top.reference", ("30 rpm", "130 rpm"), values=3)
+    return onset(closed_loop(RIG, PI(4_000.0, 1_500.0)), "top.reference", ("30 rpm", "130 rpm"), num_values=3)
 
 
 def of_comparison():
@@ -95,7 +95,7 @@ def of_severity_map():
 
 
 def of_margins():
-    return margins(closed_loop(RIG, Sampled(SoftTorque(reference=8.0), 0.01, 0.03)), measured=False)
+    return margins(closed_loop(RIG, Sampled(SoftTorque(reference=8.0), 0.01, 0.03)), by_simulation=False)
 
 
 def of_worst_case():
@@ -175,7 +175,9 @@ def of_model_comparison():
 
 
 def of_uncertain_onset():
-    return uncertain_onset(closed_loop(RIG, StiffPI()), "top.reference", (4.0, 30.0), {"bit.weight": "80 kN +- 8 kN"}, draws=4, values=3)
+    return uncertain_onset(
+        closed_loop(RIG, StiffPI()), "top.reference", (4.0, 30.0), {"bit.weight": "80 kN +- 8 kN"}, draws=4, num_values=3
+    )
 
 
 def of_frequency_response():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from controllers import PI, IdealSlidingMode
-from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, Drop, HystereticBitRock, TorsionalChain, TwoDisks, wells
+from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, HystereticBitRock, StepFriction, TorsionalChain, TwoDisks, wells
 from studies.benchmarks.cases import cases
 from tests.fading_brake import FadingBrake
 from tests.together import together
@@ -99,7 +99,7 @@ RIG = compose(wells.JANSEN_2, BitRock(weight=97_000.0))
 # plant, duration, the parameters that vary with their ranges, other arguments
 PLANTS = {
     "block on belt": (compose(BlockOnBelt()), 60.0, {"block.mass": (0.5, 2.0), "block.belt_speed": (0.05, 0.4)}, {}),
-    "law that drops": (compose(BlockOnBelt(friction=Drop(drop_speed=0.1))), 30.0, {"block.mass": (0.5, 2.0)}, {}),
+    "law that drops": (compose(BlockOnBelt(friction=StepFriction(drop_speed=0.1))), 30.0, {"block.mass": (0.5, 2.0)}, {}),
     "two blocks": (compose(BlocksOnBelt()), 30.0, {}, {"start": {"blocks.position": (0.5, 0.1)}}),
     "five equal blocks, which stick and slip at one instant": (
         compose(BlocksOnBelt(mass=(1.0,) * 5, stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)),

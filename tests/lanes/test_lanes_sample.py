@@ -33,7 +33,7 @@ from toolbox import (
 from toolbox.lanes.lanes import Lanes
 from toolbox.lanes.samples import noise_table
 from toolbox.measuring import metrics
-from toolbox.modelling import Observed  # fmt: skip
+from toolbox.modelling import ObserverBasedController  # fmt: skip
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.request import Request
 from toolbox.stepping import noise
@@ -185,7 +185,8 @@ PLANTS = {
     "sliding mode": (RIG, WEIGHT, 30.0, Sampled(SlidingMode(reference=12.0), 0.01, delay=0.002), {}, ("bit.speed",), "bit"),
     "super-twisting": (RIG, WEIGHT, 20.0, Sampled(SuperTwisting(reference=12.0), 0.01), {}, ("bit.speed",), "bit"),
     "law with an observer": (
-        RIG, WEIGHT, 20.0, Sampled(Observed(SlidingMode(reference=8.0), observers.Kalman()), 0.01, noise={"top.speed": 0.02}), {}, ("bit.speed",), "bit",
+        RIG, WEIGHT, 20.0, Sampled(ObserverBasedController(SlidingMode(reference=8.0), observers.Kalman()), 0.01, noise={"top.speed": 0.02}), {},
+        ("bit.speed",), "bit",
     ),
     "table beside a law": (
         RIG, {"pi.reference": (4.0, 14.0)}, 40.0, Sampled(PI(), 0.01), {"inputs": {"bit.weight": ([0.0, 9.0, 9.0, 20.0], [5e4, 9e4, 6e4, 1.1e5])}},
@@ -323,7 +324,7 @@ def test_every_lane_counts_by_the_sample_time_and_delay_of_its_own():
 def test_runs_with_sample_times_and_delays_of_their_own_switch_as_runs_alone_do():
     plant, _, duration, laws, arguments, *_ = PLANTS["late and noisy"]
     loop, _ = together(plant, laws, **arguments)
-    names = [name for name in loop.numbers() if name.endswith((".sample_time", ".delay"))]
+    names = [name for name in loop.variable_numbers() if name.endswith((".sample_time", ".delay"))]
     draw = np.random.default_rng(3)
     varied = {name: loop.number(name).value * draw.uniform(0.4, 1.7, 21) for name in names}
     assert len(varied) >= 2

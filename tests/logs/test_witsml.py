@@ -98,7 +98,7 @@ def test_nulls_of_the_log_and_of_one_curve_are_no_values(tmp_path):
         cells = data[k].split(",")
         data[k] = ",".join([cells[0], null, cells[2], cells[3]])
     text = document(data, head="<nullValue>-888</nullValue>", curve="<nullValue>-77</nullValue>")
-    found = Recording.of(saved(tmp_path / "log.xml", text), RIG, COLUMNS, keep=["outlier"])
+    found = Recording.of(saved(tmp_path / "log.xml", text), RIG, COLUMNS, accepted_flaws=["outlier"])
     assert found.found("top.torque") == {"null": 3} and np.isnan(found.signals["top.torque"][3:6]).all()
     assert found.found("top.speed") == {}  # the null of one curve is a number in another
 

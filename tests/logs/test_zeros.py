@@ -54,16 +54,16 @@ def test_a_recording_says_how_to_keep_what_was_left_out_and_so_does_the_error_of
     force = 12.0 + 0.1 * NOISE
     force[300:304] = 0.0
     log = {"time": TIME, "block.force": force, "block.position": np.sin(TIME)}
-    said = "--keep drop-out (in Python Recording.of(..., keep=['drop-out']))"
+    said = "--accept-flaw drop-out (in Python Recording.of(..., accepted_flaws=['drop-out']))"
     assert said in str(Recording.of(log, BELT))
-    with pytest.raises(SceneError, match="--keep drop-out") as error:
+    with pytest.raises(SceneError, match="--accept-flaw drop-out") as error:
         fit(BELT, log, ["block.mass"])
     assert said in str(error.value) and "4 drop-out" in str(error.value)
-    kept = Recording.of(log, BELT, keep=["drop-out"])
-    assert kept.flaws == () and "--keep" not in str(kept)
+    kept = Recording.of(log, BELT, accepted_flaws=["drop-out"])
+    assert kept.flaws == () and "--accept-flaw" not in str(kept)
     with pytest.raises(SystemExit):
         main(["fit", "--help"])
-    assert "--keep" in capsys.readouterr().out
+    assert "--accept-flaw" in capsys.readouterr().out
 
 
 def test_a_null_of_logs_that_is_a_reading_can_be_kept():
@@ -71,7 +71,7 @@ def test_a_null_of_logs_that_is_a_reading_can_be_kept():
     position[100] = -999.25
     log = {"time": TIME, "block.position": position}
     assert Recording.of(log, BELT).found("block.position") == {"null": 1}
-    assert Recording.of(log, BELT, keep=["null", "outlier"]).flaws == ()
+    assert Recording.of(log, BELT, accepted_flaws=["null", "outlier"]).flaws == ()
 
 
 def test_a_step_test_gives_the_numbers_of_the_block_that_was_pushed():

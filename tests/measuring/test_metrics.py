@@ -134,7 +134,7 @@ def test_what_settles_is_seen_against_the_set_point_of_each_run():
 
 def test_a_stop_is_measured_until_it_stands_by_every_verb():
     stop = Scene.of(
-        compose(DiscBrake()), 1.0, signal="disc.speed", effort="brake.force", after=0.2, standstill=0.1, start={"disc.speed": 2.0},
+        compose(DiscBrake()), 1.0, signal="disc.speed", effort="brake.force", after=0.2, standstill_speed=0.1, start={"disc.speed": 2.0},
         inputs={"brake.force": 1000.0},
     )  # fmt: skip
     (label,) = stop.labels

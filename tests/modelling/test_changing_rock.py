@@ -40,7 +40,7 @@ def test_a_block_breaks_away_when_its_static_friction_has_fallen_to_its_load():
 def test_a_parameter_may_vary_as_a_formula_and_is_shown_in_the_result():
     run = simulate(RIG, 10.0, inputs={"top.torque": 9000.0, "bit.friction.kinetic": sine(0.5, 0.1, 0.2)}, accuracy=1e-8)
     assert run["bit.friction.kinetic"] == pytest.approx(0.5 + 0.1 * np.sin(2 * np.pi * 0.2 * run.time))
-    assert run.error < 1e-7
+    assert run.error_estimate < 1e-7
 
 
 def test_what_cannot_change_in_time_is_refused_by_name():

@@ -118,7 +118,7 @@ KINDS = [
 
 @pytest.mark.parametrize(("name", "kind", "unit", "value"), KINDS, ids=[row[0] for row in KINDS])
 def test_every_kind_of_number_has_name_unit_and_value_and_can_be_put(name, kind, unit, value):
-    number = LOOP.numbers()[name]
+    number = LOOP.variable_numbers()[name]
     assert (number.name, str(number.kind), number.unit) == (name, kind, unit) and number == LOOP.number(name) and number.value != value
     changed = LOOP.at(name, value)
     assert changed.number(name).value == value and changed != LOOP and LOOP.number(name) == number
@@ -169,7 +169,7 @@ def test_a_sample_time_is_a_number_by_which_the_law_is_sampled():
 
 def test_a_gain_is_changed_where_it_acts_and_the_design_stays():
     loop = closed_loop(RIG, LQR(reference=8.0))
-    gains = [name for name, number in loop.numbers().items() if number.is_parameter and name.startswith("lqr.")]
+    gains = [name for name, number in loop.variable_numbers().items() if number.is_parameter and name.startswith("lqr.")]
     changed = loop.at("bit.weight", 5e4)
     assert gains and all(changed.number(name).value == loop.number(name).value for name in gains)
 

@@ -516,7 +516,7 @@ def test_plants_of_one_structure_live_side_by_side():
         np.testing.assert_allclose(np.diff(left), period, rtol=1e-7)
         # a result computes its signals with its own numbers, also after other runs
         assert run.at(1.0)["belt.slip"] == run.at(1.0)["block.speed"] - speed
-        assert run.error < 1e-7
+        assert run.error_estimate < 1e-7
 
 
 def test_runs_in_threads_do_not_disturb_each_other():

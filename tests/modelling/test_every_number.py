@@ -140,7 +140,7 @@ def test_sensitivity_is_the_slope_of_simulate(number):
 @each_number
 def test_margins_are_those_of_the_loop_with_it(number):
     def question():
-        return [margins(number.loop.at(number.name, value), measured=False).disk_margin for value in number.values]
+        return [margins(number.loop.at(number.name, value), by_simulation=False).disk_margin for value in number.values]
 
     found = answered(number, "margins", question)
     assert found is None or all(value > 0.1 for value in found)
@@ -154,7 +154,7 @@ def test_worst_case_takes_it_as_an_error(number):
 
 @each_number
 def test_hopf_points_over_it(number):
-    found = answered(number, "hopf_points", lambda: hopf_points(number.loop, number.name, number.values, values=2))
+    found = answered(number, "hopf_points", lambda: hopf_points(number.loop, number.name, number.values, num_values=2))
     assert found is None or all(number.values[0] <= point.value <= number.values[1] for point in found)
 
 
@@ -163,7 +163,7 @@ def test_hopf_points_over_it(number):
 def test_what_onset_and_severity_map_cannot_vary_they_say(number, verb):
     def question():
         if verb == "onset":
-            return onset(number.loop, number.name, number.values, values=3)
+            return onset(number.loop, number.name, number.values, num_values=3)
         return severity_map(number.loop, {number.name: number.values, "bit.friction.static": (0.7, 0.8)}, shape=(2, 2))
 
     assert answered(number, verb, question) is None
@@ -172,7 +172,7 @@ def test_what_onset_and_severity_map_cannot_vary_they_say(number, verb):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [each for each in NUMBERS if "onset" not in each.refuses], ids=lambda number: number.name)
 def test_onset_and_severity_map_vary_all_others(number):
-    assert onset(number.loop, number.name, number.values, values=3).parameter == number.name
+    assert onset(number.loop, number.name, number.values, num_values=3).parameter == number.name
     found = severity_map(number.loop, {number.name: number.values, "bit.friction.static": (0.7, 0.8)}, shape=(2, 2))
     assert number.name in str(found)
 
@@ -182,7 +182,7 @@ BELT = compose(BlockOnBelt())
 
 def test_cycles_are_followed_through_every_number_that_has_a_slope():
     free = limit_cycle(closed_loop(BELT, start={"block.position": 1.2}), 60.0)
-    names = [name for name, number in free.loop.numbers().items() if number.kind.has_slope and number.value > 0.0]
+    names = [name for name, number in free.loop.variable_numbers().items() if number.kind.has_slope and number.value > 0.0]
     assert {"block.belt_speed", "block.stiffness"} <= {*names}
     for name in names:
         value = free.loop.number(name).value

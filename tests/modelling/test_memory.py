@@ -16,12 +16,12 @@ from models import (
     BlockOnBelt,
     Coulomb,
     Dahl,
-    Drop,
     Exponential,
-    Guide,
+    GuideContact,
     HystereticBitRock,
     LuGre,
     RateAndState,
+    StepFriction,
     WhirlingCollar,
     averaged_friction,
     tangential_dither,
@@ -89,14 +89,14 @@ class Ageing(FrictionLaw):
 
 
 def test_a_law_of_the_user_with_memory_is_a_law():
-    run = simulate(compose(HEAVY, Guide(load=3.0, friction=Squared())), 1.0, start={"block.speed": 0.2}, accuracy=1e-11)
+    run = simulate(compose(HEAVY, GuideContact(load=3.0, friction=Squared())), 1.0, start={"block.speed": 0.2}, accuracy=1e-11)
     way = 0.2 * np.linspace(0, 1, 50)
     np.testing.assert_allclose(run.at(way / 0.2)["guide.drag"], 3 * 50 * way / (1 + 50 * way / 0.7), rtol=1e-9, atol=1e-10)
     assert energy_audit(run).relative < 1e-9
 
 
 def test_a_law_with_memory_begins_with_its_start_value_unless_the_run_says_otherwise():
-    plant = compose(HEAVY, Guide(friction=Ageing()))
+    plant = compose(HEAVY, GuideContact(friction=Ageing()))
     assert plant.begin.tolist() == [0.0, 0.0, 2.0]
     for start, first in (({}, 2.0), ({"guide.age": 1.0}, 1.0)):
         run = simulate(plant, 2.0, start={"block.speed": 0.5, **start}, accuracy=1e-11)
@@ -105,7 +105,7 @@ def test_a_law_with_memory_begins_with_its_start_value_unless_the_run_says_other
 
 
 def test_runs_side_by_side_begin_with_the_start_value_too():
-    plant = compose(HEAVY, Guide(friction=Ageing()))
+    plant = compose(HEAVY, GuideContact(friction=Ageing()))
     found = sweep(
         plant, {"guide.friction.distance": [0.25, 0.5, 1.0]}, 2.0,
         start=lambda point: {"block.speed": 0.5}, metrics={"age": metrics.final("guide.age")}, accuracy=1e-9,
@@ -123,7 +123,7 @@ def test_numbers_of_a_law_with_memory_bear_the_name_of_their_contact_and_the_uni
     }  # fmt: skip
     assert RIG.states["bit.deflection"][2] == "rad"
     assert BitRock(friction=LuGre(stiffness="2 1/deg")).friction.stiffness == pytest.approx(360 / math.pi)
-    twice = compose(Guide(friction=Dahl()), BlockOnBelt(friction=Dahl()))
+    twice = compose(GuideContact(friction=Dahl()), BlockOnBelt(friction=Dahl()))
     assert set(twice.modeless) == {"belt", "guide"} and {"belt.deflection", "guide.deflection"} <= set(twice.states)
 
 
@@ -132,7 +132,7 @@ def test_numbers_of_a_law_with_memory_bear_the_name_of_their_contact_and_the_uni
     [
         (LuGre(stiffness=-1.0), "stiffness.*must be >"),
         (LuGre(steady=Dahl()), "`steady` must be a law without memory"),
-        (LuGre(steady=Drop()), "`steady` must be a law without memory and without jumps"),
+        (LuGre(steady=StepFriction()), "`steady` must be a law without memory and without jumps"),
         (LuGre(steady=Coulomb(0.0, 0.0)), "`steady` must have a static friction > 0"),
         (LuGre(steady=Coulomb(0.2, 0.3)), "`kinetic` must be <= the static"),
         (RateAndState(distance=math.nan), "distance"),

@@ -8,11 +8,11 @@ import pytest
 from controllers import LQG, PI, Lifting, StiffPI
 from controllers.observers import DisturbanceObserver, Kalman, SlidingObserver
 from controllers.observers.linear import one_step
-from controllers.on_estimates import OnEstimates
+from controllers.on_estimates import StringObserverController
 from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, simulate
 from toolbox.measure import stick_intervals
-from toolbox.modelling import Observed
+from toolbox.modelling import ObserverBasedController
 
 RIG = compose(wells.JANSEN_2, BitRock())
 EVERY = pytest.mark.parametrize("observer", [Kalman(), DisturbanceObserver(), SlidingObserver()], ids=lambda o: type(o).__name__)
@@ -35,7 +35,10 @@ def stack(observer):
 def seen(observer, law, duration=60.0, after=20.0, plant=RIG, noise=0.0, **arguments):
     """Signals of a loop that does not use the estimates but records them."""
     run = simulate(
-        plant, duration, controller=Sampled(Observed(law, observer), 0.01, noise={"top.speed": noise} if noise else {}), **arguments
+        plant,
+        duration,
+        controller=Sampled(ObserverBasedController(law, observer), 0.01, noise={"top.speed": noise} if noise else {}),
+        **arguments,
     )
     return run.at(np.arange(after, duration, 0.02))
 
@@ -72,8 +75,8 @@ def test_samples_too_far_apart_for_the_steps_of_an_observer_are_refused_by_name(
     fast = Kalman(drive_process_noise=491.9)
     longest = 2.785 * RIG.parameter("chain.inertia")[0] * fast.speed_noise * fast.period**0.5 / fast.drive_process_noise
     for law in (
-        OnEstimates(PI(), fast, delay_samples=2),
-        Observed(PI(), fast),
+        StringObserverController(PI(), fast, delay_samples=2),
+        ObserverBasedController(PI(), fast),
         Lifting(PI(), observer=fast),
         LQG(drive_process_noise=491.9),
     ):
@@ -81,9 +84,9 @@ def test_samples_too_far_apart_for_the_steps_of_an_observer_are_refused_by_name(
         with pytest.raises(SceneError, match=f"`sample_time` must be at most 0.0{round(1000 * longest)}.* s for Kalman .* but it is 0.0"):
             closed_loop(RIG, law, sample_time=1.05 * longest)
     with pytest.raises(SceneError, match="for DisturbanceObserver with these numbers"):  # all poles at 30 rad/s
-        closed_loop(RIG, Observed(PI(), DisturbanceObserver(bandwidth=30.0)), sample_time=2.785 / 30.0 * 1.01)
+        closed_loop(RIG, ObserverBasedController(PI(), DisturbanceObserver(bandwidth=30.0)), sample_time=2.785 / 30.0 * 1.01)
     with pytest.raises(SceneError, match="for SlidingObserver with these numbers"):
-        closed_loop(RIG, Observed(PI(), SlidingObserver(reaching=100.0)), sample_time=0.05)
+        closed_loop(RIG, ObserverBasedController(PI(), SlidingObserver(reaching=100.0)), sample_time=0.05)
 
 
 def test_what_is_refused_would_swing_ever_more():
@@ -128,7 +131,7 @@ def test_a_bit_in_stick_slip_is_seen_from_the_surface_through_noise(observer):
 @EVERY
 def test_while_the_bit_stands_the_estimates_lag_by_what_a_ramp_of_its_torque_does_to_them(observer):
     # T = k twist grows by k w_top; an observer that takes it for constant has the error e = (A - L C)^-1 (0, ..., T') in the end
-    run = simulate(RIG, 60.0, controller=Observed(StiffPI(reference=3.0), observer), sample_time=0.01)
+    run = simulate(RIG, 60.0, controller=ObserverBasedController(StiffPI(reference=3.0), observer), sample_time=0.01)
     A, L, C = matrices(observer.design(RIG))
     if isinstance(observer, SlidingObserver):
         L = L * (observer.switching_gain / observer.boundary_layer + observer.reaching)
@@ -168,7 +171,7 @@ def test_a_chain_of_four_inertias_is_observed_too():
 
 def test_an_observer_knows_no_scale_of_a_rock_whose_law_it_cannot_read():
     plant = compose(wells.JANSEN_2, BitRock(friction=Coulomb(static=0.6, kinetic=0.5)))
-    run = simulate(plant, 5.0, controller=Sampled(Observed(PI(), Kalman()), 0.01))
+    run = simulate(plant, 5.0, controller=Sampled(ObserverBasedController(PI(), Kalman()), 0.01))
     assert "estimate.bit.torque" in run
     assert "estimate.bit.friction_scale" not in run
 

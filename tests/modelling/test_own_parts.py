@@ -93,7 +93,7 @@ class Forgetful(Drive):
 def test_a_law_without_effect_is_refused(law, words, period):
     assert simulate(RIG, 0.1, controller=Drive(), sample_time=period)["top.torque"][0] == 4000.0
     with pytest.raises(SceneError, match=words.format(form="sampled" if period else "continuous")):
-        closed_loop(RIG, law, sample_time=period).numbers()
+        closed_loop(RIG, law, sample_time=period).variable_numbers()
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_law_without_effect_is_refused(law, words, period):
 )
 def test_what_is_no_update_is_refused(law, words):
     with pytest.raises(SceneError, match=words):
-        closed_loop(RIG, Sampled(law, 0.01)).numbers()
+        closed_loop(RIG, Sampled(law, 0.01)).variable_numbers()
 
 
 def test_a_law_may_drive_what_another_law_needs():

@@ -44,7 +44,7 @@ def test_the_matched_form_breaks_free_at_the_static_bound_and_the_plain_one_belo
     speed = np.linspace(0.0, 30.0 * width, 20_001)
 
     def peak(matched):
-        smooth = smoothed(plant, width, matched=matched)
+        smooth = smoothed(plant, width, match_static_peak=matched)
         force = smooth.function("force", smooth.expression("belt.force"), "F")
         states = np.vstack([np.zeros_like(speed), speed])
         return np.abs(np.array(force(0.0, states, smooth.input_defaults(smooth.values), smooth.values, 0.0))).max()
@@ -125,9 +125,9 @@ def test_the_dial_finds_the_width_and_reports_the_error_that_was_made(accuracy):
     run = simulate(RIG, 100.0, controller=DRIVE, method="smoothed", accuracy=accuracy)
     made = run.difference(exact)
     assert made < accuracy
-    assert made / 10 < run.error < 10 * made
+    assert made / 10 < run.error_estimate < 10 * made
     given = simulate(RIG, 100.0, controller=DRIVE, method=Smoothing(run.widths))
-    assert made / 10 < given.error < 10 * made
+    assert made / 10 < given.error_estimate < 10 * made
 
 
 def test_what_cannot_be_smoothed_or_reached_says_so():

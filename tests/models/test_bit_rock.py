@@ -64,7 +64,11 @@ def test_the_acceleration_solves_its_equation_to_round_off(stiff):
     np.testing.assert_allclose(found, q, rtol=1e-13, atol=4e-16 * swing)
 
 
-@pytest.mark.parametrize("rock", [HystereticBitRock(beta1=0.05), HystereticBitRock(beta1=20.0, beta0=0.4)], ids=["mild", "steep"])
+@pytest.mark.parametrize(
+    "rock",
+    [HystereticBitRock(hysteresis_steepness=0.05), HystereticBitRock(hysteresis_steepness=20.0, hysteresis_fraction=0.4)],
+    ids=["mild", "steep"],
+)
 def test_the_torque_of_a_sliding_bit_is_that_of_its_own_acceleration(rock):
     plant = compose(wells.NAVARRO_LOPEZ_4, rock)
     run = simulate(plant, 60.0, inputs={"top.torque": 12_000.0}, accuracy=1e-9)
@@ -72,17 +76,19 @@ def test_the_torque_of_a_sliding_bit_is_that_of_its_own_acceleration(rock):
     w, rate = run["bit.speed"][moves], acceleration_of_bit(run)[moves]
     assert moves.sum() > 100 and rate.min() < -0.5 < 0.5 < rate.max()
     base = WEIGHT * RADIUS * (0.5 + 0.3 * np.exp(-0.9 * w))
-    np.testing.assert_allclose(run["bit.torque"][moves], base * (1 + rock.beta0 * np.tanh(rock.beta1 * rate)), rtol=1e-10)
+    np.testing.assert_allclose(
+        run["bit.torque"][moves], base * (1 + rock.hysteresis_fraction * np.tanh(rock.hysteresis_steepness * rate)), rtol=1e-10
+    )
 
 
 def test_the_smooth_hysteretic_torque_is_that_of_its_own_acceleration_in_both_directions():
-    rock = SmoothHystereticBitRock(beta1=2.0)
+    rock = SmoothHystereticBitRock(hysteresis_steepness=2.0)
     run = simulate(
         compose(wells.JANSEN_2, rock), 30.0, inputs={"top.torque": ((0.0, 15.0, 15.0, 30.0), (6000.0, 6000.0, -6000.0, -6000.0))}
     )
     w, rate = run["bit.speed"], acceleration_of_bit(run)
     assert w.min() < -1.0 < 1.0 < w.max()
-    expected = smooth(w) + rock.beta0 * np.abs(smooth(w)) * np.tanh(rock.beta1 * rate)
+    expected = smooth(w) + rock.hysteresis_fraction * np.abs(smooth(w)) * np.tanh(rock.hysteresis_steepness * rate)
     np.testing.assert_allclose(run["bit.torque"], expected, rtol=1e-10, atol=1e-8)
 
 
@@ -91,14 +97,20 @@ def first_release(rock, torque):
 
 
 def test_the_rate_form_breaks_off_where_the_plain_law_does_and_the_switched_form_on_its_upper_branch():
-    plain, rate, switched = (first_release(rock, 16_000.0) for rock in (BitRock(), HystereticBitRock(beta1=0.5), HystereticBitRock()))
+    plain, rate, switched = (
+        first_release(rock, 16_000.0) for rock in (BitRock(), HystereticBitRock(hysteresis_steepness=0.5), HystereticBitRock())
+    )
     raised = first_release(BitRock(friction=Exponential(static=0.8 * 1.2, kinetic=0.5)), 16_000.0)
     assert plain[1:] == rate[1:] == switched[1:] == ("bit", "stick", "slip+")
     assert rate.time == pytest.approx(plain.time, abs=1e-9)
     assert switched.time == pytest.approx(raised.time, abs=1e-9) and switched.time > plain.time + 0.1
 
 
-@pytest.mark.parametrize("rock", [HystereticBitRock(beta0=0.0), HystereticBitRock(beta0=0.0, beta1=1.0)], ids=["switched", "rate"])
+@pytest.mark.parametrize(
+    "rock",
+    [HystereticBitRock(hysteresis_fraction=0.0), HystereticBitRock(hysteresis_fraction=0.0, hysteresis_steepness=1.0)],
+    ids=["switched", "rate"],
+)
 def test_without_distance_between_the_branches_the_hysteretic_bit_is_the_plain_one(rock):
     plain, same = (simulate(compose(wells.NAVARRO_LOPEZ_4, each), 60.0, inputs=PUSH, accuracy=1e-9) for each in (BitRock(), rock))
     assert len(plain.events) == len(same.events) > 5
@@ -123,7 +135,7 @@ def test_a_switched_bit_holds_its_speed_while_the_load_lies_between_the_branches
 
 def test_a_steeper_rate_form_tends_to_the_switched_form():
     def end(beta1):
-        plant = compose(wells.NAVARRO_LOPEZ_4, HystereticBitRock(beta1=beta1))
+        plant = compose(wells.NAVARRO_LOPEZ_4, HystereticBitRock(hysteresis_steepness=beta1))
         start = {"chain.speed": 6.0, "chain.twist": (12.0, 8.0, 9.0)}
         return simulate(plant, 4.0, start=start, inputs={"top.torque": 9000.0}, accuracy=1e-9).at(np.linspace(0, 4, 200))["bit.speed"]
 
@@ -135,7 +147,7 @@ def test_a_steeper_rate_form_tends_to_the_switched_form():
 @pytest.mark.parametrize("beta1", [0.1, 1e3])
 def test_a_bit_left_alone_stops_on_the_lower_branch(beta1, sign):
     # Coulomb: J q = -T_k (1 - beta0 tanh(beta1 |q|)) is constant, so the speed is a straight line to the stop
-    rock = HystereticBitRock(beta0=0.3, beta1=beta1, friction=Coulomb(static=0.6, kinetic=0.5))
+    rock = HystereticBitRock(hysteresis_fraction=0.3, hysteresis_steepness=beta1, friction=Coulomb(static=0.6, kinetic=0.5))
     torque = 0.5 * WEIGHT * RADIUS
     q = brentq(lambda q: 400.0 * q - torque * (1 - 0.3 * math.tanh(beta1 * q)), 0.0, torque / 400.0)
     run = simulate(free_bit(rock), 2.0, start={"bit.speed": 5.0 * sign}, accuracy=1e-10)
@@ -148,7 +160,9 @@ def test_a_bit_left_alone_stops_on_the_lower_branch(beta1, sign):
 def test_the_torque_runs_round_a_loop_upper_branch_first():
     # the work lost in the loop between speeding up and slowing down is positive: hysteresis takes energy
     run = simulate(
-        compose(wells.NAVARRO_LOPEZ_4, HystereticBitRock(beta1=5.0)), 3.0, start={"chain.speed": 10.0, "chain.twist": (12.0, 10.0, 20.0)}
+        compose(wells.NAVARRO_LOPEZ_4, HystereticBitRock(hysteresis_steepness=5.0)),
+        3.0,
+        start={"chain.speed": 10.0, "chain.twist": (12.0, 10.0, 20.0)},
     )
     rate, torque, w = acceleration_of_bit(run), run["bit.torque"], run["bit.speed"]
     base = WEIGHT * RADIUS * (0.5 + 0.3 * np.exp(-0.9 * w))
@@ -172,14 +186,17 @@ def test_the_energy_of_a_string_on_each_rock_closes(rock):
 def test_hysteresis_calms_the_stick_slip_that_the_plain_law_keeps():
     # more torque while speeding up and less while slowing down resists every change of speed, like an inertia that takes energy
     plain, hysteretic = (
-        simulate(compose(wells.NAVARRO_LOPEZ_4, rock), 200.0, inputs=PUSH) for rock in (BitRock(), HystereticBitRock(beta1=0.5))
+        simulate(compose(wells.NAVARRO_LOPEZ_4, rock), 200.0, inputs=PUSH)
+        for rock in (BitRock(), HystereticBitRock(hysteresis_steepness=0.5))
     )
     assert plain.time_in("bit", "stick", after=100.0) > 30.0 and severity(plain, after=100.0) > 1.0
     assert hysteretic.time_in("bit", "stick", after=100.0) == 0.0 and severity(hysteretic, after=100.0) < 0.1
 
 
 @pytest.mark.parametrize(
-    "rock", [SmoothBitRock(), HystereticBitRock(beta1=0.5), SmoothHystereticBitRock(beta1=0.5)], ids=lambda rock: type(rock).__name__
+    "rock",
+    [SmoothBitRock(), HystereticBitRock(hysteresis_steepness=0.5), SmoothHystereticBitRock(hysteresis_steepness=0.5)],
+    ids=lambda rock: type(rock).__name__,
 )
 def test_every_number_of_a_rock_is_checked(rock):
     for spec in dataclasses.fields(rock):

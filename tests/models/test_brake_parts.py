@@ -69,7 +69,7 @@ def test_a_car_that_is_braked_by_its_deceleration_stops_after_the_distance_of_th
 
 
 def test_two_pads_add_their_friction_and_let_go_together():
-    plant = compose(DiscBrake(force=500.0, friction=Coulomb(0.5, 0.3), other_friction=Coulomb(0.3, 0.2)))
+    plant = compose(DiscBrake(force=500.0, friction=Coulomb(0.5, 0.3), second_pad_friction=Coulomb(0.3, 0.2)))
     run = simulate(plant, 1.0, start={"disc.speed": 9.0})
     assert run.at(0.5)["brake.torque"] == pytest.approx(500.0 * 0.12 * 0.5)
     bound = 500.0 * 0.12 * 0.8
@@ -81,7 +81,7 @@ def test_two_pads_add_their_friction_and_let_go_together():
 
 def test_two_pads_groan_above_the_damping_by_the_sum_of_their_falls():
     same, other = Exponential(0.45, 0.35, 5.0), Exponential(0.4, 0.38, 5.0)
-    two = groan_border(compose(DiscBrake(friction=same, other_friction=other)))
+    two = groan_border(compose(DiscBrake(friction=same, second_pad_friction=other)))
     for speed in (0.5, 2.0):
         true = 200.0 / ((0.1 + 0.02) * 5.0 * math.exp(-0.6 * speed))
         assert 0.8 * true < two.at(speed) <= true * (1.0 + 1e-9)
@@ -97,6 +97,23 @@ def test_the_disc_takes_the_heat_of_the_friction_and_friction_fades_with_it():
     assert run.at(60.0)["disc.warming"] == pytest.approx(warm, rel=1e-3)
     assert run.at(60.0)["brake.torque"] == pytest.approx(2 * 0.4 * 2000.0 * 0.12 * (1.0 - 1e-3 * warm), rel=1e-3)
     assert energy_audit(run).relative < 1e-8
+
+
+def test_a_stop_turns_the_energy_of_the_car_into_the_heat_of_the_disc_and_a_hot_disc_needs_more_distance():
+    stops = {}
+    for fade in (0.0, 1e-3):
+        brake = DiscBrake(force=3000.0, friction=FLAT, wheel_radius=0.3, heat_capacity=4000.0, cooling=0.0, fade=fade)
+        for warm in (0.0, 300.0):
+            run = simulate(compose(brake), 12.0, start={"disc.car_speed": 30.0 / 3.6, "disc.warming": warm}, accuracy=1e-9)
+            stops[fade, warm] = next(begin for begin, _, mode in run.intervals("pad") if mode == "stick")
+            audit = energy_audit(run)
+            assert audit.relative < 1e-8
+            gained = 4000.0 * (run.at(12.0)["disc.warming"] - warm)
+            assert gained == pytest.approx(audit.losses["disc.friction"], rel=1e-7)
+            assert gained == pytest.approx(400.0 * (30.0 / 3.6) ** 2 / 2.0, rel=1e-3)  # a little swings on in the caliper
+    assert stops[0.0, 300.0] == pytest.approx(stops[0.0, 0.0], rel=1e-6)
+    # constant torque if fade were constant: 3.5 K of warming in the stop change it by at most 0.35 %
+    assert stops[1e-3, 300.0] == pytest.approx(stops[0.0, 0.0] / 0.7, rel=4e-3)
 
 
 # --- a band

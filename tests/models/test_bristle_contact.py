@@ -178,4 +178,4 @@ def test_a_bristle_that_starts_far_beyond_its_bound_falls_to_it_and_stays():
     assert 0 < after < 0.01
     assert abs(run.at(after)["plate.stretch"][0]) == pytest.approx(bound, rel=1e-9)
     assert np.abs(run.at(np.linspace(after, 0.01, 50))["plate.stretch"]).max() <= bound * (1 + 1e-9)
-    assert run.error < 1e-6
+    assert run.error_estimate < 1e-6

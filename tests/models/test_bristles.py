@@ -21,7 +21,7 @@ from models import (
     DiscBrake,
     Exponential,
     FrictionDamper,
-    Guide,
+    GuideContact,
     LuGre,
     TorsionalChain,
     WallContact,
@@ -39,7 +39,7 @@ each_bristle = pytest.mark.parametrize("bristle", BRISTLES, ids=lambda law: type
 
 def dragged(bristle, speed, duration, load=1.0, **start):
     """A run in which the slip has a constant speed."""
-    plant = compose(HEAVY, Guide(friction=bristle, load=load))
+    plant = compose(HEAVY, GuideContact(friction=bristle, load=load))
     return simulate(plant, duration, start={"block.speed": speed, **start}, accuracy=1e-11)
 
 
@@ -91,7 +91,7 @@ def test_the_closed_hysteresis_loop_of_dahl_takes_its_area_per_round():
     # x from -X to X and back: F_1 = F_k tanh(s X / F_k) at the ends, area = 4 F_k X - 4 (F_k / s) F_1
     s, f, amplitude = 40.0, 0.8, 0.05
     block = Block(mass=1e8, stiffness=1e8 * (2 * math.pi) ** 2)  # swings at 1 Hz, whatever rubs on it
-    plant = compose(block, Guide(friction=Dahl(stiffness=s, kinetic=f)))
+    plant = compose(block, GuideContact(friction=Dahl(stiffness=s, kinetic=f)))
     run = simulate(plant, 3.0, start={"block.position": amplitude}, accuracy=1e-11)
     f1 = f * math.tanh(s * amplitude / f)
     assert run.at(2.0)["guide.force"] == pytest.approx(-f1, rel=1e-5)
@@ -106,12 +106,12 @@ def test_a_block_on_a_belt_takes_a_guide_whose_friction_is_a_stiff_bristle():
     belt = BlockOnBelt(friction=Coulomb(1.0, 1.0))
     sticks = math.asin(0.2 / 0.6)
     lets_go = sticks + 0.6 * math.cos(sticks) / 0.2
-    set_valued = simulate(compose(belt, Guide(friction=Coulomb(0.4, 0.4))), 4.0)
+    set_valued = simulate(compose(belt, GuideContact(friction=Coulomb(0.4, 0.4))), 4.0)
     exact = [event.time for event in set_valued.events if event.element == "belt"]
     np.testing.assert_allclose(exact[:2], (sticks, lets_go), rtol=1e-7)
     late = []
     for stiffness in (1e4, 1e5):
-        run = simulate(compose(belt, Guide(friction=Dahl(stiffness=stiffness, kinetic=0.4))), 4.0, accuracy=1e-8)
+        run = simulate(compose(belt, GuideContact(friction=Dahl(stiffness=stiffness, kinetic=0.4))), 4.0, accuracy=1e-8)
         assert [(event.element, event.after) for event in run.events[:2]] == [("belt", "stick"), ("belt", "slip-")]
         late.append([event.time - exact for event, exact in zip(run.events[:2], (sticks, lets_go), strict=True)])
     np.testing.assert_allclose(late[1], 0.0, atol=2e-3)
@@ -121,7 +121,7 @@ def test_a_block_on_a_belt_takes_a_guide_whose_friction_is_a_stiff_bristle():
 def test_asperities_bend_with_the_way_alone():
     # z = z_m (1 - exp(-d / z_m)) at any speed
     for speed in (0.1, 3.0):
-        run = dragged(Dankowicz(reach=0.02, steady=STRIBECK), speed, 0.1 / speed)
+        run = dragged(Dankowicz(presliding_displacement=0.02, steady=STRIBECK), speed, 0.1 / speed)
         way = np.linspace(0, 0.1, 50)
         np.testing.assert_allclose(run.at(way / speed * (1 - 1e-12))["guide.deflection"], 0.02 * -np.expm1(-way / 0.02), atol=1e-11)
 
@@ -131,13 +131,13 @@ def test_asperities_bend_with_the_way_alone():
     [
         (Dahl(stiffness=100.0), 200.0, 0.0),
         (LuGre(stiffness=100.0, damping=1.5, viscous=0.25), 200.0, 3.5),
-        (Dankowicz(reach=0.01), 200.0, 0.0),
+        (Dankowicz(presliding_displacement=0.01), 200.0, 0.0),
     ],
     ids=["Dahl", "LuGre", "Dankowicz"],
 )
 def test_before_sliding_a_bristle_is_a_spring_and_a_damper(bristle, stiffness, damping):
     # poles of m s^2 + (s1 + s2) N s + k + s0 N, and one at 0: z and x move together
-    found = linearise(compose(Block(mass=2.0, stiffness=8.0), Guide(load=2.0, friction=bristle))).poles()
+    found = linearise(compose(Block(mass=2.0, stiffness=8.0), GuideContact(load=2.0, friction=bristle))).poles()
     expected = np.append(np.roots([2.0, damping, 8.0 + stiffness]), 0.0)
     np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(expected), atol=1e-9)
 
@@ -152,7 +152,9 @@ def test_the_bristle_of_lugre_never_holds_more_than_the_static_force():
 def test_lugre_breaks_away_at_a_lower_force_the_faster_it_is_pulled():
     # a slow pull comes up to the static force; at a constant slip the bristle follows z' = v - s0 |v| z / g, g < static
     def peak(rate):
-        plant = compose(Block(stiffness=0.0), Guide(friction=LuGre(stiffness=1e4, damping=100.0, steady=Exponential(1.0, 0.6, 30.0))))
+        plant = compose(
+            Block(stiffness=0.0), GuideContact(friction=LuGre(stiffness=1e4, damping=100.0, steady=Exponential(1.0, 0.6, 30.0)))
+        )
         run = simulate(plant, 2.0 / rate, inputs={"block.force": ([0.0, 2.0 / rate], [0.0, 2.0])}, accuracy=1e-9)
         return -measure.extent(run, "guide.force").minimum
 
@@ -166,7 +168,7 @@ def test_the_losses_of_lugre_are_positive_up_to_the_speed_of_its_closed_form_and
     # |v| <= 4 g(|v|) (s1 + s2) / s1^2; with constant g the border is one speed
     g, s0 = 0.6, 100.0
     border = 4 * g * (s1 + s2) / s1**2
-    plant = compose(HEAVY, Guide(friction=LuGre(stiffness=s0, damping=s1, viscous=s2, steady=Coulomb(static=g, kinetic=g))))
+    plant = compose(HEAVY, GuideContact(friction=LuGre(stiffness=s0, damping=s1, viscous=s2, steady=Coulomb(static=g, kinetic=g))))
     power = sum(value for name, value in plant.losses.items() if name != "guide.friction")
     v, z = plant.x[1], plant.x[2]
     inputs = plant.input_defaults(plant.values)
@@ -180,7 +182,7 @@ def test_the_losses_of_lugre_are_positive_up_to_the_speed_of_its_closed_form_and
 
 
 def test_a_round_trip_on_lugre_costs_energy_where_its_damping_is_small():
-    plant = compose(Block(), Guide(friction=LuGre(damping=1.0, steady=STRIBECK)))
+    plant = compose(Block(), GuideContact(friction=LuGre(damping=1.0, steady=STRIBECK)))
     run = simulate(plant, 100.0, inputs={"block.force": sine(0.0, 1.5, 0.1)})
     audit = energy_audit(run)
     assert all(loss >= 0 for loss in audit.losses.values() if loss)

@@ -20,8 +20,8 @@ MASS, BIT = 34_000.0, DragBit()
 FORWARD = {"bit": "slip+", "bit.axial": "slip+"}
 FLAT = BIT.flat_length * BIT.radius * BIT.flat_stress  # l a sigma
 TORQUE_PER_CUT = BIT.specific_energy * BIT.radius**2 / 2
-WEIGHT_PER_CUT = BIT.inclination * BIT.specific_energy * BIT.radius
-TORQUE_PER_FLAT = BIT.friction * BIT.geometry * BIT.radius / 2
+WEIGHT_PER_CUT = BIT.cutter_inclination * BIT.specific_energy * BIT.radius
+TORQUE_PER_FLAT = BIT.friction * BIT.bit_geometry_number * BIT.radius / 2
 
 
 def rig(weight=40_000.0, bit=BIT, **torsion):
@@ -84,24 +84,24 @@ def test_steady_cutting_has_the_depth_and_torque_of_the_balance_of_forces(weight
     # what the bit takes from string and hook is the energy of the volume cut and of the two frictions
     power = steady["bit.torque"] * 15.0 + steady["bit.weight"] * steady["bit.axial_speed"]
     volume = math.pi * BIT.radius**2 * steady["bit.axial_speed"]
-    cutting = BIT.specific_energy * volume * (1 + BIT.inclination * depth / (math.pi * BIT.radius))
+    cutting = BIT.specific_energy * volume * (1 + BIT.cutter_inclination * depth / (math.pi * BIT.radius))
     assert power == pytest.approx(cutting + TORQUE_PER_FLAT * FLAT * 15.0 + FLAT * steady["bit.axial_speed"], rel=1e-10)
 
 
 def test_specific_energy_against_drilling_strength_is_the_friction_line():
     # E = 2 T/(a^2 d), S = W/(a d):  E = (1 - mu gamma zeta) eps + mu gamma S for every weight and every wear
-    slope = BIT.friction * BIT.geometry
+    slope = BIT.friction * BIT.bit_geometry_number
     for weight, length in ((30_000.0, 1e-3), (30_000.0, 3e-3), (90_000.0, 3e-3), (50_000.0, 0.0)):
         steady = equilibrium(rig(weight, dataclasses.replace(BIT, flat_length=length)), mode=FORWARD)
         depth = steady["bit.cut_depth"]
         energy, strength = 2 * steady["bit.torque"] / (BIT.radius**2 * depth), steady["bit.weight"] / (BIT.radius * depth)
-        assert energy == pytest.approx((1 - slope * BIT.inclination) * BIT.specific_energy + slope * strength, rel=1e-9)
+        assert energy == pytest.approx((1 - slope * BIT.cutter_inclination) * BIT.specific_energy + slope * strength, rel=1e-9)
 
 
 def test_a_weight_that_the_flats_can_carry_cuts_nothing_to_speak_of():
     steady = equilibrium(rig(0.6 * FLAT), mode=FORWARD)
-    assert steady["bit.cut_depth"] == pytest.approx(0.6 * FLAT / (WEIGHT_PER_CUT + FLAT / BIT.engagement), rel=1e-9)
-    assert steady["bit.cut_depth"] < BIT.engagement
+    assert steady["bit.cut_depth"] == pytest.approx(0.6 * FLAT / (WEIGHT_PER_CUT + FLAT / BIT.engagement_depth), rel=1e-9)
+    assert steady["bit.cut_depth"] < BIT.engagement_depth
 
 
 def cut_of_prescribed(swing, times, v0, amplitude):
@@ -361,7 +361,9 @@ def test_without_wear_flats_torque_and_weight_keep_the_ratio_of_the_cutters():
     run = simulate(rig(30_000.0, sharp, top_speed=25.0), 3.0, start={"bit.speed": 25.0})
     cutting = (run.modes["bit"] == "slip+") & (run["bit.cut_depth"] > 1e-6)
     assert cutting.sum() > 50
-    np.testing.assert_allclose(run["bit.torque"][cutting], run["bit.weight"][cutting] * BIT.radius / (2 * BIT.inclination), rtol=1e-12)
+    np.testing.assert_allclose(
+        run["bit.torque"][cutting], run["bit.weight"][cutting] * BIT.radius / (2 * BIT.cutter_inclination), rtol=1e-12
+    )
 
 
 def test_a_published_string_with_axial_masses_and_a_drive_cuts_and_its_energy_closes():
@@ -394,9 +396,9 @@ def test_a_coupled_string_has_as_many_states_and_contacts_as_its_mechanisms(node
 @pytest.mark.parametrize(
     ("change", "word"),
     [
-        ({"radius": 0.0}, "radius"), ({"specific_energy": -1.0}, "specific_energy"), ({"inclination": math.nan}, "inclination"),
-        ({"friction": -0.1}, "friction"), ({"geometry": -1.0}, "geometry"), ({"flat_length": -1e-3}, "flat_length"),
-        ({"flat_stress": "1"}, "flat_stress"), ({"engagement": 0.0}, "engagement"), ({"blades": 0}, "blades"), ({"blades": 2.5}, "blades"),
+        ({"radius": 0.0}, "radius"), ({"specific_energy": -1.0}, "specific_energy"), ({"cutter_inclination": math.nan}, "inclination"),
+        ({"friction": -0.1}, "friction"), ({"bit_geometry_number": -1.0}, "geometry"), ({"flat_length": -1e-3}, "flat_length"),
+        ({"flat_stress": "1"}, "flat_stress"), ({"engagement_depth": 0.0}, "engagement"), ({"blades": 0}, "blades"), ({"blades": 2.5}, "blades"),
         ({"nodes": 0}, "nodes"), ({"nodes": True}, "nodes"),
     ],
 )  # fmt: skip
@@ -416,7 +418,7 @@ def test_a_bit_at_a_prescribed_speed_is_that_on_an_inertia_that_nothing_slows_do
     def axial(bit, *others):
         return compose(AxialChain(mass=(MASS,), stiffness=(), damping=(), hook_load=MASS * 9.81 - 40_000.0), bit, *others)
 
-    alone = axial(dataclasses.replace(BIT, prescribed=True))
+    alone = axial(dataclasses.replace(BIT, has_prescribed_speed=True))
     heavy = axial(BIT, TorsionalPendulum(inertia=1e16, stiffness=0.0, top_speed=12.0))
     times = np.linspace(0.0, 1.0, 21)
     found = simulate(alone, 1.0, inputs={"bit.speed": 12.0}, output_times=times, accuracy=1e-9)

@@ -18,8 +18,8 @@ from models import (
     BitRock,
     Coulomb,
     DrillString,
-    Drop,
     Section,
+    StepFriction,
     Survey,
     ToolJoint,
     TorsionalChain,
@@ -81,9 +81,12 @@ def test_five_inch_pipe_has_the_numbers_of_its_data_sheet():
     by_hand = (tube * (31.7 - 1.75) + upset * 1.75) / 31.7
     assert string.weight() / G / PPF == pytest.approx(by_hand, rel=3e-3)
     assert by_hand < 23.52 < 1.08 * by_hand  # the data sheet counts upsets and tapers, too
-    hung = dataclasses.replace(string, mass="23.52 ppf")
+    hung = dataclasses.replace(string, mass_per_length="23.52 ppf")
     assert hung.weight() / G / PPF == pytest.approx(23.52) and hung.weight(1200.0) == pytest.approx(hung.weight() * (1 - 1200 / 7850))
-    assert hung.inertia / string.inertia == pytest.approx(23.52 / (string.weight() / G / PPF)) and hung.rigidity == string.rigidity
+    assert (
+        hung.inertia_per_length / string.inertia_per_length == pytest.approx(23.52 / (string.weight() / G / PPF))
+        and hung.torsional_rigidity == string.torsional_rigidity
+    )
     assert string.contact_radius == pytest.approx(6.625 * INCH / 2) and pipe.contact_radius == pytest.approx(2.5 * INCH)
 
 
@@ -94,7 +97,7 @@ def test_a_string_with_tool_joints_swings_as_one_whose_joints_are_sections_of_th
     apart = [piece, upset] * 200
     for value in ("area", "inertia"):
         assert pipe.length * getattr(pipe, value) == pytest.approx(total(apart, lambda s, value=value: getattr(s, value)), rel=1e-12)
-    assert pipe.length / pipe.rigidity == pytest.approx(total(apart, lambda s: 1 / s.rigidity), rel=1e-12)
+    assert pipe.length / pipe.torsional_rigidity == pytest.approx(total(apart, lambda s: 1 / s.torsional_rigidity), rel=1e-12)
     exact = shaft_frequencies(apart, 4, top_inertia=math.inf)
     np.testing.assert_allclose(shaft_frequencies([pipe], 4, top_inertia=math.inf), exact, rtol=2e-3)
     plain = shaft_frequencies([dataclasses.replace(pipe, tool_joint=None)], 4, top_inertia=math.inf)
@@ -112,9 +115,11 @@ def test_a_table_may_have_the_columns_of_a_tally(tmp_path):
     )
     first, second = read_sections(table)
     joint = ToolJoint("6.625 in", "3.25 in", "21 in", every="31.7 ft")
-    whole = Section("5000 ft", "5 in", "4.276 in", mass="23.52 lb/ft", tool_joint=joint)
-    assert first.inertia == pytest.approx(whole.inertia, rel=1e-12) and first.rigidity == pytest.approx(whole.rigidity, rel=1e-12)
-    assert second.mass is None and second.tool_joint is None and second.inner == pytest.approx(3.826 * INCH)
+    whole = Section("5000 ft", "5 in", "4.276 in", mass_per_length="23.52 lb/ft", tool_joint=joint)
+    assert first.inertia_per_length == pytest.approx(whole.inertia_per_length, rel=1e-12) and first.torsional_rigidity == pytest.approx(
+        whole.torsional_rigidity, rel=1e-12
+    )
+    assert second.mass_per_length is None and second.tool_joint is None and second.inner == pytest.approx(3.826 * INCH)
     for old, new, word in (
         (",31.7,steel", ",,steel", "column `joint length .ft.`: a row with a tool joint must have"),
         (",19.5,", ",18.5,", "row 1 .*must be that of an API drill pipe of 5 in, in lb/ft 16.25, 19.5, 25.6, but it is 18.5"),
@@ -248,7 +253,7 @@ def test_a_uniform_shaft_has_the_textbook_frequencies(top, bit, numbers):
 @pytest.mark.parametrize("inertia", [10.0, 1000.0])
 def test_a_shaft_with_a_disk_obeys_its_transcendental_equation(inertia):
     # top held, disk below: (w L / c) tan(w L / c) = I_shaft / I_disk
-    ratio = PIPE.inertia * PIPE.length / inertia
+    ratio = PIPE.inertia_per_length * PIPE.length / inertia
     roots = [brentq(lambda x: x * math.sin(x) - ratio * math.cos(x), n * math.pi, (n + 0.5) * math.pi) for n in range(4)]
     found = shaft_frequencies([PIPE], 4, top_inertia=math.inf, bit_inertia=inertia)
     np.testing.assert_allclose(2 * math.pi * found * PIPE.length / PIPE.wave_speed, roots, rtol=1e-11)
@@ -270,7 +275,7 @@ def test_a_shaft_of_two_sections_obeys_its_transcendental_equation():
 def test_a_shaft_between_heavy_disks_swings_as_two_inertias_on_a_spring():
     # light shaft: w^2 = k (1 / J1 + 1 / J2)
     found = shaft_frequencies([PIPE, COLLAR], 1, top_inertia=3e7, bit_inertia=2e7)[0]
-    stiffness = 1 / (PIPE.length / PIPE.rigidity + COLLAR.length / COLLAR.rigidity)
+    stiffness = 1 / (PIPE.length / PIPE.torsional_rigidity + COLLAR.length / COLLAR.torsional_rigidity)
     assert 2 * math.pi * found == pytest.approx(math.sqrt(stiffness * (1 / 3e7 + 1 / 2e7)), rel=1e-4)
 
 
@@ -298,7 +303,7 @@ def test_lumping_keeps_total_inertia_and_total_compliance(string, elements):
     chain = DrillString.from_tables(string, top_inertia=100.0, bit_inertia=7.0, elements=elements)
     assert len(chain.stiffness) == elements
     assert sum(chain.inertia) == pytest.approx(107.0 + total(string, lambda s: s.inertia), rel=1e-12)
-    assert sum(1 / k for k in chain.stiffness) == pytest.approx(total(string, lambda s: 1 / s.rigidity), rel=1e-12)
+    assert sum(1 / k for k in chain.stiffness) == pytest.approx(total(string, lambda s: 1 / s.torsional_rigidity), rel=1e-12)
     assert all(a < b for a, b in zip(chain.depth, chain.depth[1:], strict=False))
     assert chain.depth[0] == 0.0 and chain.depth[-1] == pytest.approx(sum(s.length for s in string), rel=1e-12)
 
@@ -547,7 +552,7 @@ def test_off_bottom_at_60_rpm_the_published_drive_keeps_the_string_in_stick_slip
 def lumped(elements, duration):
     """A run of the well of Aarsnes and Shor in so many elements under its published drive from rest, and when its bit first moves."""
     folder = [TABLES / f"aarsnes_shor_{name}.csv" for name in ("sections", "survey")]
-    string = DrillString.from_tables(*folder, top_inertia=2900.0, drag_rate=0.1, friction=Drop(), elements=elements)
+    string = DrillString.from_tables(*folder, top_inertia=2900.0, drag_rate=0.1, friction=StepFriction(), elements=elements)
     if elements == len(wells.AARSNES_SHOR.stiffness):
         assert string == wells.AARSNES_SHOR
     run = simulate(compose(string), duration, controller=PI(38e3, 100e3, 60 * RPM))
@@ -571,8 +576,8 @@ def test_a_string_that_is_right_up_to_one_hertz_alone_moves_its_bit_too_early():
 def test_the_string_of_the_ufrj_swings_like_its_published_lumped_model():
     # published: I = I_pipe / 3 + I_BHA on k = G J / L_p under a top that turns as told; the shaft has its bottom-hole assembly as elastic sections too
     pipe, *bha = read_sections(TABLES / "ufrj_sections.csv")
-    inertia = pipe.inertia * pipe.length / 3 + total(bha, lambda s: s.inertia)
-    published = math.sqrt(pipe.rigidity / pipe.length / inertia) / (2 * math.pi)
+    inertia = pipe.inertia_per_length * pipe.length / 3 + total(bha, lambda s: s.inertia)
+    published = math.sqrt(pipe.torsional_rigidity / pipe.length / inertia) / (2 * math.pi)
     exact = shaft_frequencies([pipe, *bha], 1, top_inertia=math.inf)[0]
     assert exact == pytest.approx(published, rel=0.03)
     well = wells.UFRJ

@@ -127,8 +127,8 @@ def test_a_line_has_no_more_states_and_contacts_than_its_segments_ask_for():
         ({"inertance": (0.0,)}, "inertance"),
         ({"compliance": (math.nan,)}, "compliance"),
         ({"loss": (0.0, 0.0)}, "loss"),
-        ({"gel": Coulomb()}, "gel_load"),
-        ({"gel_load": (1.0,)}, "gel"),
+        ({"gel": Coulomb()}, "gel_pressure"),
+        ({"gel_pressure": (1.0,)}, "gel"),
     ],
 )
 def test_a_line_that_cannot_be_built_is_refused_by_name(change, word):

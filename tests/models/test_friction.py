@@ -15,13 +15,13 @@ from models import (
     BlockOnBelt,
     Coulomb,
     CubicStribeck,
-    Drop,
     Exponential,
     GaussianStribeck,
     Hyperbolic,
     RationalStribeck,
+    SmoothStepFriction,
+    StepFriction,
     Tabulated,
-    Transition,
     TwoDisks,
     oscillators,
     wells,
@@ -33,9 +33,9 @@ LAWS = [
     Exponential(static=0.8, kinetic=0.5, decay=0.9),
     Hyperbolic(static=1.0, decay=3.0),
     CubicStribeck(static=0.4, minimum=0.25, minimum_speed=0.5),
-    Transition(static=0.3, kinetic=0.195, transition_speed=1.5),
+    SmoothStepFriction(static=0.3, kinetic=0.195, transition_speed=1.5),
     GaussianStribeck(static=1.5, kinetic=1.0, stribeck_speed=0.1),
-    RationalStribeck(static=0.4, kinetic=0.1, decay=3.0, rise=0.2),
+    RationalStribeck(static=0.4, kinetic=0.1, decay=3.0, quadratic_rise=0.2),
     Tabulated(speeds=(0.0, 0.1, 0.5), coefficients=(0.4, 0.3, 0.2), static=0.4),
 ]
 each_law = pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
@@ -59,7 +59,7 @@ def test_exponential_friction_is_the_law_of_navarro_lopez_and_cortes():
 
 
 def test_the_transition_takes_most_of_the_drop_about_its_speed():
-    law = Transition(static=0.3, kinetic=0.195, transition_speed=1.5)
+    law = SmoothStepFriction(static=0.3, kinetic=0.195, transition_speed=1.5)
     assert coefficient(law, 1.5) == pytest.approx(0.195 + 0.105 / math.e, rel=1e-15)
     left = [(coefficient(law, ratio * 1.5) - 0.195) / 0.105 for ratio in (0.42, 1.37)]
     assert left == pytest.approx([0.97, 0.03], abs=1e-3)
@@ -67,11 +67,11 @@ def test_the_transition_takes_most_of_the_drop_about_its_speed():
 
 
 def test_the_drop_is_the_limit_of_steep_laws_and_has_one_break():
-    law = Drop(static=0.3, kinetic=0.195, drop_speed=1.5)
+    law = StepFriction(static=0.3, kinetic=0.195, drop_speed=1.5)
     assert law.break_speeds() == (1.5,)
     assert [law.sliding(1.0, beyond) for beyond in (0, 1)] == [0.3, 0.195]
     with pytest.raises(SceneError, match="kinetic"):
-        compose(BlockOnBelt(friction=Drop(static=0.1, kinetic=0.2)))
+        compose(BlockOnBelt(friction=StepFriction(static=0.1, kinetic=0.2)))
 
 
 def test_hyperbolic_friction_is_the_law_of_leine():
@@ -112,7 +112,7 @@ def test_under_gaussian_friction_sliding_is_unstable_between_two_hopf_speeds():
 def test_rational_friction_holds_the_laws_of_leine_and_of_galvanetto_and_bishop():
     for v in (0.0, 0.2, 1.0, 5.0):
         assert coefficient(RationalStribeck(static=1.0, kinetic=0.0, decay=3.0), v) == coefficient(Hyperbolic(static=1.0, decay=3.0), v)
-        law = RationalStribeck(static=1.0, kinetic=0.3, decay=3.0, rise=1e-3)
+        law = RationalStribeck(static=1.0, kinetic=0.3, decay=3.0, quadratic_rise=1e-3)
         assert coefficient(law, v) == pytest.approx((1 - 0.3) / (1 + 3.0 * v) + 0.3 + 1e-3 * v * v, rel=1e-15)
     leine = simulate(compose(oscillators.LEINE), 40.0)
     same = simulate(compose(BlockOnBelt(friction=RationalStribeck(static=1.0, kinetic=0.0, decay=3.0))), 40.0)

@@ -170,7 +170,7 @@ def test_teeth_at_rest_take_any_ratio_of_torques_between_their_two_efficiencies(
 def test_a_motor_behind_a_gearbox_turns_a_string_and_every_joule_is_accounted_for():
     net = GearNetwork(
         nodes=("motor", "table"), inertia=(5.0, 300.0), trains=(("motor", "ground", "table"),), ratio=(-3.0,), mesh_stiffness=(1e5,), mesh_damping=(200.0,),
-        efficiency=(0.95,), idle_torque=(5.0,), shafts=(("table", "top"),), stiffness=(1e5,), damping=(500.0,), driven="motor",
+        efficiency=(0.95,), idle_torque=(5.0,), shafts=(("table", "top"),), stiffness=(1e5,), damping=(500.0,), input_node="motor",
     )  # fmt: skip
     chain = TorsionalChain(inertia=(500.0, 374.0), stiffness=(473.0,), damping=(23.2,), bit_drag=50.0)
     plant = compose(net, chain, BitRock(weight=30_000.0))
@@ -208,7 +208,7 @@ def test_a_motor_behind_a_gearbox_turns_a_string_and_every_joule_is_accounted_fo
         ({"efficiency": (1.2,), "idle_torque": (1.0,)}, "efficiency"),
         ({"shafts": (("sun", "top"),)}, "stiffness"),
         ({"shafts": (("sun", "sun"),), "stiffness": (1.0,), "damping": (0.0,)}, "shafts"),
-        ({"driven": "ring"}, "driven"),
+        ({"input_node": "ring"}, "input_node"),
         ({"shafts": (("sun", "top"),), "stiffness": (1.0,), "damping": (0.0,)}, "top.speed"),
     ],
 )

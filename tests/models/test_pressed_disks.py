@@ -89,7 +89,7 @@ def test_the_period_of_a_stop_grows_to_about_three_times_that_of_the_stator():
         found = study.pressed_stop(speed)
         assert np.all(np.diff(found.ratios) > 0)
         assert found.onset < 1.6 and 2.0 < found.termination < 4.0
-        assert found.run.error < 1e-5
+        assert found.run.error_estimate < 1e-5
     assert study.pressed_stop(4.0).onset < 1.25
 
 

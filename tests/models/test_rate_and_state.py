@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from models import BitRock, Block, BlockOnBelt, DiscBrake, Guide, RateAndState, wells
+from models import BitRock, Block, BlockOnBelt, DiscBrake, GuideContact, RateAndState, wells
 from toolbox import compose, energy_audit, equilibrium, hopf_points, linearise, measure, simulate
 from toolbox.errors import NoSteadyState
 
@@ -18,7 +18,7 @@ HEAVY = Block(mass=1e22, stiffness=0.0)  # moves at the speed it starts with, wh
 
 def sliding(law, speed, duration, age):
     """Coefficient of friction over time at a constant slip, from an age of the contacts."""
-    run = simulate(compose(HEAVY, Guide(friction=law)), duration, start={"block.speed": speed, "guide.age": age}, accuracy=1e-11)
+    run = simulate(compose(HEAVY, GuideContact(friction=law)), duration, start={"block.speed": speed, "guide.age": age}, accuracy=1e-11)
     times = np.linspace(0.0, duration, 41)
     return times, run.at(times)["guide.drag"], run.at(times)["guide.age"]
 
@@ -130,6 +130,6 @@ def test_rate_and_state_serves_bits_and_brakes_in_their_units():
 
 def test_steady_sliding_is_damped_by_its_direct_effect_and_undone_by_its_age():
     # poles of a heavy slip at v: z' in psi alone, -v / D
-    plant = compose(HEAVY, Guide(friction=LAW))
+    plant = compose(HEAVY, GuideContact(friction=LAW))
     point = linearise(plant, at={"block.speed": 2e-6, "guide.age": -math.log(2)})
     assert np.sort_complex(point.poles())[0] == pytest.approx(-2e-6 / 1e-5, rel=1e-6)

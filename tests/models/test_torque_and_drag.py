@@ -33,7 +33,7 @@ def test_in_a_straight_hole_the_drag_is_mu_times_the_weight_across_it(speed, way
     found = moved(axial_speed=speed, weight_on_bit="20 kN")
     assert found.drag == pytest.approx(way * MU * ACROSS, rel=1e-12)
     assert found.tension[0] == pytest.approx(ALONG - 20e3 + way * MU * ACROSS, rel=1e-12)
-    assert found.moves and not found.torque.any() and found.tension[-1] == -20e3
+    assert found.is_moving and not found.torque.any() and found.tension[-1] == -20e3
 
 
 def test_in_a_straight_hole_the_torque_is_mu_times_the_weight_across_it_times_the_radius():
@@ -76,11 +76,11 @@ def test_a_string_pulled_too_little_slides_as_far_as_its_friction_is_overcome(ki
     # (H - H0) = mu w sin(inc) s
     part, across = 0.4013, MU * PIPE.weight(MUD) * math.sin(INCLINATION)
     found = moved(load_at_top=ALONG + sign * part * across * 1500.0, **kind)
-    assert found.sliding_front == pytest.approx(part * 1500.0, rel=1e-9) and not found.moves
+    assert found.sliding_front == pytest.approx(part * 1500.0, rel=1e-9) and not found.is_moving
     np.testing.assert_allclose(
         found.tension - found.frictionless_tension, sign * across * np.maximum(0.0, found.sliding_front - found.depth), atol=1e-6
     )
-    assert not found.torque.any() and found.sliding.sum() == np.count_nonzero(found.depth <= 0.4013 * 1500.0)
+    assert not found.torque.any() and found.is_sliding.sum() == np.count_nonzero(found.depth <= 0.4013 * 1500.0)
 
 
 def test_a_string_wound_up_too_little_is_twisted_down_to_its_front():
@@ -88,10 +88,10 @@ def test_a_string_wound_up_too_little_is_twisted_down_to_its_front():
     slope = MU * PIPE.weight(MUD) * math.sin(INCLINATION) * PIPE.outer / 2
     found = moved(turning_speed=1.0, load_at_top=f"{slope * 700.0} N m")
     assert found.sliding_front == pytest.approx(700.0, rel=1e-9)
-    assert found.twist == pytest.approx((slope * 700.0) ** 2 / (2 * PIPE.rigidity * slope), rel=1e-9)
+    assert found.twist == pytest.approx((slope * 700.0) ** 2 / (2 * PIPE.torsional_rigidity * slope), rel=1e-9)
     assert (found.torque[found.depth > 700.0] == 0.0).all() and found.drag == 0.0
     whole = moved(turning_speed=1.0)
-    assert moved(turning_speed=1.0, load_at_top=1.01 * whole.torque[0]).torque[0] == whole.torque[0] and whole.moves
+    assert moved(turning_speed=1.0, load_at_top=1.01 * whole.torque[0]).torque[0] == whole.torque[0] and whole.is_moving
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
@@ -101,8 +101,8 @@ def test_a_string_that_brings_its_bit_less_torque_than_the_rock_takes_slides_dow
     found = moved(turning_speed=way, bit_torque="3 kN m", load_at_top=way * (1e3 + MU * TURNED))
     assert found.torque[-1] == pytest.approx(way * 1e3, rel=1e-9)
     assert whole.torque - found.torque == pytest.approx(np.full(found.depth.size, way * 2e3), rel=1e-9)
-    assert found.sliding_front == found.depth[-1] and found.bit_static and not found.moves and "which the rock holds" in str(found)
-    assert not whole.bit_static and whole.moves
+    assert found.sliding_front == found.depth[-1] and found.bit_static and not found.is_moving and "which the rock holds" in str(found)
+    assert not whole.bit_static and whole.is_moving
 
 
 def test_the_run_of_a_string_that_is_wound_up_slowly_leaves_stuck_what_is_below_the_front():
@@ -124,7 +124,7 @@ def test_its_picture_shades_what_is_stuck_and_takes_another_motion(tmp_path):
     found = moved(axial_speed=-1.0)
     axes = found.plot("pulled")
     part = moved(turning_speed=1.0, load_at_top=2000.0)
-    assert part.plot("wound", axes) is axes and not part.moves
+    assert part.plot("wound", axes) is axes and not part.is_moving
     assert [text.get_text() for text in axes[0].figure.legends[0].get_texts()] == [
         "without drag",
         "pulled",

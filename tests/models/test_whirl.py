@@ -33,8 +33,8 @@ def turning(speed, radius=0.0):
 def test_the_numbers_of_the_span_follow_from_the_published_table():
     steel, mud = 7800 * math.pi / 4 * (0.171**2 - 0.071**2), 1500 * math.pi / 4 * (0.071**2 + 1.7 * 0.171**2)
     inertia = math.pi / 64 * (0.171**4 - 0.071**4)
-    assert COLLAR.mass == pytest.approx(8.55 * (steel + mud) / 2, rel=1e-12)
-    assert COLLAR.drag == pytest.approx(2 * 1500 * 0.171 * 8.55 / (3 * math.pi), rel=1e-12)
+    assert COLLAR.modal_mass == pytest.approx(8.55 * (steel + mud) / 2, rel=1e-12)
+    assert COLLAR.quadratic_drag == pytest.approx(2 * 1500 * 0.171 * 8.55 / (3 * math.pi), rel=1e-12)
     stiffness = 220e9 * inertia * math.pi**4 / (2 * 8.55**3) - 5e3 * math.pi**3 / (2 * 8.55**2) - 1e5 * math.pi**2 / (2 * 8.55)
     assert COLLAR.stiffness(1e5, 5e3) == pytest.approx(stiffness, rel=1e-12)
     assert COLLAR.gap == pytest.approx(0.0225)
@@ -109,8 +109,8 @@ def test_a_collar_that_cannot_be_built_or_connected_is_refused_by_name():
 # ------------------------------------------------------------------------------------------------------------------------------ synchronous whirl
 def dragged_radius(collar, speed):
     """Radius of synchronous whirl with drag, which acts across: (k - m w^2)^2 r^2 + (c_h w^2 r^2)^2 = (m e w^2)^2."""
-    k = collar.stiffness(WEIGHT) - collar.mass * speed**2
-    square = np.roots([(collar.drag * speed**2) ** 2, k**2, -((collar.mass * collar.eccentricity * speed**2) ** 2)])
+    k = collar.stiffness(WEIGHT) - collar.modal_mass * speed**2
+    square = np.roots([(collar.quadratic_drag * speed**2) ** 2, k**2, -((collar.modal_mass * collar.eccentricity * speed**2) ** 2)])
     return math.sqrt(max(square.real))
 
 
@@ -197,10 +197,10 @@ def test_rolling_needs_the_friction_that_the_closed_form_says():
     samples = run.at(np.linspace(0.1, 6.0, 2000))
     theta = np.arctan2(samples["collar.z"], samples["collar.y"])
     psi = samples["collar.angle"] - theta
-    m, g, e, w = collar.mass, collar.gap, collar.eccentricity, 10.0
+    m, g, e, w = collar.modal_mass, collar.gap, collar.eccentricity, 10.0
     backward = w * collar.rolling_ratio()
     normal = m * g * backward**2 + m * e * w**2 * np.cos(psi) - collar.stiffness(WEIGHT) * g
-    along = -m * e * w**2 * np.sin(psi) - collar.drag * (g * backward) ** 2
+    along = -m * e * w**2 * np.sin(psi) - collar.quadratic_drag * (g * backward) ** 2
     np.testing.assert_allclose(samples["wall.force"], normal, rtol=1e-6)
     np.testing.assert_allclose(samples["rub.force"], along, atol=1e-6 * np.abs(along).max())
 
@@ -216,7 +216,7 @@ def test_without_friction_no_wall_contact_turns_the_whirl_backward():
         compose(FLYWHEEL, dataclasses.replace(slippery, friction=COLLAR.friction)), 20.0, start={"chain.speed": (speed, speed)}
     )
     # it rolls on a wall that it dents by N/k_s = 0.2 mm
-    assert whirl_ratio(rough, 10.0) == pytest.approx(-COLLAR.radius / measure.extent(rough, "collar.radius", 10.0).mean, rel=1e-4)
+    assert whirl_ratio(rough, 10.0) == pytest.approx(-COLLAR.outer_radius / measure.extent(rough, "collar.radius", 10.0).mean, rel=1e-4)
 
 
 # --------------------------------------------------------------------------------------------------------------------------------------- energy
@@ -236,7 +236,7 @@ def test_without_friction_and_drag_energy_and_the_drives_momentum_are_kept():
     e = collar.eccentricity
     displacement, velocity, phi = run["collar.displacement"], run["collar.velocity"], run["collar.angle"]
     place = displacement + np.array([e, 0.0])
-    momentum = run["chain.speed"] @ [2000.0, 500.0] + collar.mass * (place[:, 0] * velocity[:, 1] - place[:, 1] * velocity[:, 0])
+    momentum = run["chain.speed"] @ [2000.0, 500.0] + collar.modal_mass * (place[:, 0] * velocity[:, 1] - place[:, 1] * velocity[:, 0])
     np.testing.assert_allclose(momentum, momentum[0], rtol=1e-8)
     assert phi[-1] > 50.0
 
@@ -272,8 +272,8 @@ def test_the_power_balance_closes_on_random_starts(rigid):
 # --------------------------------------------------------------------------------------------------------------------- an independent integration
 def reference(collar, speed0, inertia, duration):
     """Closing and opening times and end state by scipy: geometric centre and angle with their 3 x 3 mass matrix, elastic wall, sliding friction."""
-    m, e, k, c = collar.mass, collar.eccentricity, collar.stiffness(WEIGHT), collar.drag
-    gap, rim, ks, cs, mu = collar.gap, collar.radius, collar.wall_stiffness, collar.wall_damping, collar.friction.kinetic
+    m, e, k, c = collar.modal_mass, collar.eccentricity, collar.stiffness(WEIGHT), collar.quadratic_drag
+    gap, rim, ks, cs, mu = collar.gap, collar.outer_radius, collar.wall_stiffness, collar.wall_damping, collar.friction.kinetic
 
     def slope(t, s, closed):
         y, z, phi, vy, vz, w = s
@@ -334,7 +334,7 @@ def test_while_the_wall_is_not_met_the_motion_is_linear_and_knows_no_wall():
     collar, speed = dataclasses.replace(COLLAR, mud_density=0.0), 8.0
     run = simulate(compose(FLYWHEEL, collar), 30.0, start={"chain.speed": (speed, speed)}, accuracy=1e-9)
     assert run.time_in("wall", "open") == 30.0
-    w2 = collar.stiffness(WEIGHT) / collar.mass
+    w2 = collar.stiffness(WEIGHT) / collar.modal_mass
     forced, w = collar.eccentricity * speed**2 / (w2 - speed**2), math.sqrt(w2)
     for t in (0.3, 7.0, 30.0):
         # the centre starts in the middle, and moves at -i e speed, because the mass centre is at rest
@@ -371,7 +371,7 @@ def test_a_heavy_weight_bends_the_collar_to_the_wall():
 # -------------------------------------------------------------------------------------------------------------------------------------- measures
 def test_the_turns_of_a_whirl_are_counted_forward_and_backward():
     collar = dataclasses.replace(COLLAR, eccentricity=0.0, mud_density=0.0, restitution=1.0)
-    w = math.sqrt(collar.stiffness(WEIGHT) / collar.mass)
+    w = math.sqrt(collar.stiffness(WEIGHT) / collar.modal_mass)
     for sense in (1.0, -1.0):
         start = {"chain.speed": (2.0, 2.0), "collar.displacement": (0.01, 0.0), "collar.velocity": (0.0, sense * 0.01 * w)}
         assert whirl_ratio(simulate(compose(FLYWHEEL, collar), 10.0, start=start), 1.0, 9.0) == pytest.approx(sense * w / 2.0, rel=1e-6)
@@ -398,7 +398,7 @@ def test_a_collar_hit_by_its_drive_alternates_between_open_and_closed():
     assert record.impacts == sum(event.after == "closed" for event in wall)
     assert record.time == pytest.approx(run.time_in("wall", "closed"), rel=1e-12)
     # an undamped bounce stores m v^2/2 in k d^2/2: the force is at least v sqrt(k m) with the mass that the friction leaves at the contact
-    assert 0.3 * record.speed * math.sqrt(1e9 * COLLAR.mass) < record.force < 2 * record.speed * math.sqrt(1e9 * COLLAR.mass)
+    assert 0.3 * record.speed * math.sqrt(1e9 * COLLAR.modal_mass) < record.force < 2 * record.speed * math.sqrt(1e9 * COLLAR.modal_mass)
 
 
 @pytest.mark.parametrize(("restitution", "whirls"), [(0.9, "backward"), (0.5, "forward"), (0.0, "forward")])

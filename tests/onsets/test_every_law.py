@@ -25,7 +25,7 @@ def sticks_at(law, value, speed):
     ids=["super-twisting", "late PI"],
 )
 def test_a_law_that_is_only_sampled_has_both_borders(law, loss, end, way):
-    found = onset(closed_loop(RIG, law), "top.reference", (3.0, 11.0), values=4)
+    found = onset(closed_loop(RIG, law), "top.reference", (3.0, 11.0), num_values=4)
     assert found.loss == pytest.approx(loss, abs=1e-3 if way == "twin runs" else 1e-6)
     assert found.losses[0].followed == way
     assert found.end == pytest.approx(end, abs=0.005)
@@ -36,7 +36,7 @@ def test_a_law_that_is_only_sampled_has_both_borders(law, loss, end, way):
 def test_a_law_that_lifts_relapses_up_to_where_the_swing_of_its_coming_down_dies():
     """Above the loss of smooth running a swing grows that is large enough: slowly, for a quarter of an hour, until the law lifts again."""
     loop = closed_loop(RIG, Sampled(Lifting(PI()), 0.01))
-    found = onset(loop, "top.reference", (3.0, 6.0), values=4)
+    found = onset(loop, "top.reference", (3.0, 6.0), num_values=4)
     assert found.loss == pytest.approx(3.990099, abs=1e-5)
     assert found.verdict(5.0) == "free" and not found.undecided
     assert 4.0006 < found.end < 1.05 * 1.05 * found.loss  # what has given up below the loss lives on
@@ -49,7 +49,7 @@ def test_a_law_that_lifts_relapses_up_to_where_the_swing_of_its_coming_down_dies
 def test_stick_slip_under_a_law_that_has_given_up_is_led_to_where_it_tries_again():
     """Given up at 3.5 rad/s, again 5 % above it, it stays so for 5 % more: from smooth running there it never sticks."""
     loop = closed_loop(RIG, Sampled(Lifting(SoftTorque()), 0.01))
-    found = onset(loop, "top.reference", (3.5, 4.1), values=3)
+    found = onset(loop, "top.reference", (3.5, 4.1), num_values=3)
     assert found.loss == pytest.approx(3.69488, abs=1e-5)
     assert any("what the law remembers" in note for note in found.notes)
     lives = found.end - 0.01
@@ -63,7 +63,7 @@ def test_stick_slip_under_a_law_that_has_given_up_is_led_to_where_it_tries_again
 @pytest.mark.slow
 def test_a_python_function_has_the_borders_of_the_law_that_it_is():
     own, same = (
-        onset(closed_loop(RIG, Sampled(law, 0.05)), "top.reference", (3.5, 10.5), values=3) for law in (PythonPI(PI(), 0.05), PI())
+        onset(closed_loop(RIG, Sampled(law, 0.05)), "top.reference", (3.5, 10.5), num_values=3) for law in (PythonPI(PI(), 0.05), PI())
     )
     assert own.loss == pytest.approx(same.loss, abs=1e-5) and own.end == pytest.approx(same.end, abs=0.02)
     assert own.losses[0].followed == "differences"
@@ -72,7 +72,7 @@ def test_a_python_function_has_the_borders_of_the_law_that_it_is():
 @pytest.mark.slow
 def test_a_predictive_law_has_both_borders():
     law = Sampled(LinearMPC(reference=6.0, lowest_torque=0.0, highest_torque=20_000.0), 0.1)
-    found = onset(closed_loop(RIG, law), "top.reference", (2.0, 8.0), values=4)
+    found = onset(closed_loop(RIG, law), "top.reference", (2.0, 8.0), num_values=4)
     assert found.losses[0].followed == "differences"
     assert sticks_at(law, found.end - 0.02, 4.0) and not sticks_at(law, found.end + 0.02, 4.0)
     short, near = 20.0, found.loss
@@ -86,7 +86,7 @@ def test_a_predictive_law_has_both_borders():
 def test_cycles_of_several_modes_that_live_side_by_side_are_told_with_their_ends():
     chain = TorsionalChain(inertia=(1302, 252, 784.5, 721), stiffness=(1487, 459.5, 793), damping=(8.26, 26.3, 22.8))
     rig = compose(chain, BitRock(weight=1e5))
-    found = onset(closed_loop(rig, SoftTorque()), "top.reference", (1.5, 10.5), values=5)
+    found = onset(closed_loop(rig, SoftTorque()), "top.reference", (1.5, 10.5), num_values=5)
     slow, fast = sorted(found.coexisting, key=lambda each: -each.period)
     assert slow.period > 5 * fast.period and "the swing of" in fast.begun
     assert found.end == pytest.approx(fast.high, abs=0.01) and slow.high < found.end - 1.0

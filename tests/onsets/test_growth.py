@@ -122,7 +122,7 @@ def growth_by_hand(law, speed):
 def test_the_border_of_a_sampled_pi_is_that_of_its_transition_matrices_and_its_tolerance_holds_the_distance(period, delay):
     law = Sampled(PI().design(RIG), period, delay=delay)
     right = brentq(lambda speed: growth_by_hand(law, speed), 2.0, 6.5, xtol=1e-14)
-    [border] = onset(closed_loop(RIG, law, inputs={"top.reference": 6.0}), "top.reference", (3.0, 8.0), values=3, duration=60.0).losses
+    [border] = onset(closed_loop(RIG, law, inputs={"top.reference": 6.0}), "top.reference", (3.0, 8.0), num_values=3, duration=60.0).losses
     assert border.followed == "matrices"
     assert abs(border.value - right) <= border.tolerance <= 1e-8
     [by_python] = search_losses(Sampled(PythonPI(law.law, period), period, delay=delay), border.value - 0.3, border.value + 0.3)
@@ -133,7 +133,7 @@ def test_the_border_of_a_sampled_pi_is_that_of_its_transition_matrices_and_its_t
 @pytest.mark.parametrize(("name", "low", "high"), [("softtorque.sample_time", 0.1, 0.6), ("softtorque.delay", 0.1, 0.6)])
 def test_hopf_points_over_sample_time_and_delay_are_where_the_transition_matrices_say(name, low, high):
     law, word = SoftTorque(reference=9.0), {"softtorque.sample_time": "period", "softtorque.delay": "delay"}[name]
-    loop, gains = closed_loop(RIG, Sampled(law, 0.01)), closed_loop(RIG, law).designed[0]
+    loop, gains = closed_loop(RIG, Sampled(law, 0.01)), closed_loop(RIG, law).designed_controllers[0]
     right = brentq(lambda value: growth_by_hand(dataclasses.replace(Sampled(gains, 0.01), **{word: value}), 9.0), low, high, xtol=1e-14)
     point, other = hopf_points(loop, name, (low, high))  # the swing of the string and that of the integral
     assert point.value == pytest.approx(right, rel=1e-10) and point.stable == "below"

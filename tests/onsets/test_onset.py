@@ -25,17 +25,17 @@ def rig():
 
 @pytest.fixture(scope="module")
 def stiff(rig):
-    return onset(closed_loop(rig, StiffPI(reference=9.95)), "top.reference", (2.0, 16.0), values=8)
+    return onset(closed_loop(rig, StiffPI(reference=9.95)), "top.reference", (2.0, 16.0), num_values=8)
 
 
 @pytest.fixture(scope="module")
 def soft(rig):
-    return onset(closed_loop(rig, SoftTorque(reference=9.95)), "top.reference", (2.0, 16.0), values=8)
+    return onset(closed_loop(rig, SoftTorque(reference=9.95)), "top.reference", (2.0, 16.0), num_values=8)
 
 
 def test_both_borders_of_thomsen_and_fidlin_are_those_of_first_order():
     block = oscillators.THOMSEN_FIDLIN
-    found = onset(compose(block), "block.belt_speed", (0.3, 0.5), values=6, tolerance=1e-3)
+    found = onset(compose(block), "block.belt_speed", (0.3, 0.5), num_values=6, tolerance=1e-3)
     # smooth running is lost at v_b1 exactly; stick-slip ends at v_b0 to first order in damping and friction
     assert found.loss == pytest.approx(oscillators.hopf_speed(block), abs=1.1e-3)
     assert found.end == pytest.approx(closed_forms.stick_slip_speed(block), rel=0.02)
@@ -47,7 +47,7 @@ def test_both_borders_of_thomsen_and_fidlin_are_those_of_first_order():
 
 @pytest.mark.slow
 def test_to_the_left_borders_are_those_to_the_right_and_one_at_rest_has_no_margin(rig):
-    found = onset(closed_loop(rig, PI(reference=8.0)), "top.reference", (-11.0, 11.0), values=7)
+    found = onset(closed_loop(rig, PI(reference=8.0)), "top.reference", (-11.0, 11.0), num_values=7)
     for borders in (found.losses, found.ends):
         left, right = borders
         assert left.value == pytest.approx(-right.value, rel=1e-6) and (left.safe, right.safe) == ("below", "above")
@@ -70,7 +70,7 @@ def test_stick_slip_on_a_belt_ends_where_the_block_just_reaches_the_belt_again(d
         return (np.exp(-z * t) * ((w * b - z * a) * np.cos(w * t) - (z * b + w * a) * np.sin(w * t))).max() - speed
 
     block = compose(BlockOnBelt(damping=damping, friction=Coulomb(static=static, kinetic=kinetic)))
-    found = onset(block, "block.belt_speed", (0.05, 8.0), values=9)
+    found = onset(block, "block.belt_speed", (0.05, 8.0), num_values=9)
     assert found.end == pytest.approx(brentq(reaches, 0.05, 8.0), rel=1e-5)
     assert found.ends[0].followed == "grazing-sliding"
 
@@ -113,7 +113,7 @@ def test_the_border_of_stick_slip_is_where_plain_runs_from_inside_change_their_f
 
 
 def test_beyond_the_hopf_speed_of_veraszto_and_stepan_the_hard_loss_makes_a_bistable_band():
-    found = onset(compose(oscillators.VERASZTO_STEPAN), "block.belt_speed", (0.1, 0.5), values=6)
+    found = onset(compose(oscillators.VERASZTO_STEPAN), "block.belt_speed", (0.1, 0.5), num_values=6)
     hopf = oscillators.hopf_speed(oscillators.VERASZTO_STEPAN)
     assert found.loss == pytest.approx(hopf, abs=2 * found.losses[0].tolerance)
     assert found.hopf[0].kind == "hard"
@@ -122,16 +122,16 @@ def test_beyond_the_hopf_speed_of_veraszto_and_stepan_the_hard_loss_makes_a_bist
 
 def test_a_sampled_law_is_judged_as_it_runs(rig, soft):
     law = SoftTorque(reference=9.95)
-    fast = onset(closed_loop(rig, law, sample_time=0.02), "top.reference", (3.0, 9.0), values=3, tolerance=0.1, duration=300.0)
+    fast = onset(closed_loop(rig, law, sample_time=0.02), "top.reference", (3.0, 9.0), num_values=3, tolerance=0.1, duration=300.0)
     assert fast.loss == pytest.approx(soft.loss, abs=0.2) and fast.end == pytest.approx(soft.end, abs=0.3)
     assert fast.hopf[0].value == pytest.approx(fast.loss, abs=1e-8)
     # half a second late, the loop is another one, though its continuous form is the same
-    late = onset(closed_loop(rig, Sampled(law, 0.02, 0.5)), "top.reference", (3.0, 9.0), values=3, tolerance=0.1, duration=300.0)
+    late = onset(closed_loop(rig, Sampled(law, 0.02, 0.5)), "top.reference", (3.0, 9.0), num_values=3, tolerance=0.1, duration=300.0)
     assert late.loss != pytest.approx(fast.loss, abs=0.3)
 
 
 def test_a_gain_and_a_weight_can_be_what_varies(rig):
-    found = onset(closed_loop(rig, StiffPI(reference=4.0)), "bit.weight", (2000.0, 140_000.0), values=7, tolerance=500.0)
+    found = onset(closed_loop(rig, StiffPI(reference=4.0)), "bit.weight", (2000.0, 140_000.0), num_values=7, tolerance=500.0)
     assert [border.safe for border in found.losses] == ["below"] and found.losses[0].margin(2000.0) > 0
     # the slope that is lost does not depend on the speed: W exp(-0.9 w) is what it is at the Hopf speed of the declared weight
     speed = hopf_points(closed_loop(rig, StiffPI()), "top.reference", (2.0, 8.0))[0].value
@@ -139,7 +139,9 @@ def test_a_gain_and_a_weight_can_be_what_varies(rig):
     assert found.hopf[0].value == pytest.approx(hopf, rel=1e-9)
     assert found.loss == pytest.approx(hopf, abs=1000.0)
     assert found.end < found.loss
-    gain = onset(closed_loop(rig, PI(proportional=4000.0, integral=300.0, reference=5.0)), "pi.proportional", (200.0, 20_000.0), values=4)
+    gain = onset(
+        closed_loop(rig, PI(proportional=4000.0, integral=300.0, reference=5.0)), "pi.proportional", (200.0, 20_000.0), num_values=4
+    )
     assert gain.unit == "N m s/rad" and gain.at == 4000.0
 
 
@@ -151,7 +153,7 @@ def test_a_gain_and_a_weight_can_be_what_varies(rig):
 def test_under_a_constant_torque_stick_slip_ends_at_one_torque_and_standstill_at_another(between, values, tolerance):
     # standstill holds up to the break-away torque W R mu_s; the cycle of this string is gone far below it, in whatever range it is asked for
     plant = compose(wells.NAVARRO_LOPEZ_4, BitRock())
-    found = onset(closed_loop(plant, inputs={"top.torque": 10_560.0}), "top.torque", between, values=values, tolerance=tolerance)
+    found = onset(closed_loop(plant, inputs={"top.torque": 10_560.0}), "top.torque", between, num_values=values, tolerance=tolerance)
     assert found.breakaway == pytest.approx(0.8 * 97_347.0 * 0.155575, rel=1e-8) and found.breakaways[0].safe == "above"
     cycle = limit_cycle(simulate(plant, 400.0, inputs={"top.torque": 10_300.0}, accuracy=1e-9))
     lost = follow(cycle, "top.torque", (10_300.0, 11_000.0), start_towards=11_000.0).bifurcations[0]
@@ -165,7 +167,7 @@ def test_under_a_constant_torque_stick_slip_ends_at_one_torque_and_standstill_at
 @pytest.mark.slow
 def test_towards_low_torques_stick_slip_does_not_end_in_smooth_running_but_stalls():
     plant = compose(wells.NAVARRO_LOPEZ_4, BitRock())
-    found = onset(closed_loop(plant, inputs={"top.torque": 10_300.0}), "top.torque", (9000.0, 11_000.0), values=5)
+    found = onset(closed_loop(plant, inputs={"top.torque": 10_300.0}), "top.torque", (9000.0, 11_000.0), num_values=5)
     assert [border.safe for border in found.stalls] == ["below"] and found.stalls[0].beyond == "stands"
     # an independent way: the torque lowered by a part in 3e5 per second
     lowered = ((0.0, 100.0, 3500.0, 33_500.0), (10_300.0, 10_300.0, 10_000.0, 9000.0))
@@ -181,16 +183,16 @@ def test_towards_low_torques_stick_slip_does_not_end_in_smooth_running_but_stall
 def test_a_limit_of_the_motor_frees_a_bit_that_the_same_law_without_limit_keeps(stiff):
     limited = compose(wells.JANSEN_2, BitRock(), TopDrive(torque_limit=15_000.0))
     guess = {"chain.speed": (9.95, 9.95), "drive.speed": 9.95}  # the limit hides the steady state from a search that begins at rest
-    found = onset(closed_loop(limited, StiffPI(reference=9.95)), "top.reference", (4.0, 13.0), guess=guess, values=5, tolerance=0.1)
+    found = onset(closed_loop(limited, StiffPI(reference=9.95)), "top.reference", (4.0, 13.0), guess=guess, num_values=5, tolerance=0.1)
     assert found.hopf[0].value == pytest.approx(stiff.hopf[0].value, rel=1e-3)  # small swings never meet the limit
     assert found.end < stiff.end - 1.0
     with pytest.raises(SceneError, match="no steady running"):
-        onset(closed_loop(limited, StiffPI()), "top.reference", (4.0, 12.0), values=3)
+        onset(closed_loop(limited, StiffPI()), "top.reference", (4.0, 12.0), num_values=3)
 
 
 def test_a_machine_without_falling_friction_is_free_everywhere():
     plant = compose(BlockOnBelt(damping=0.1, friction=Coulomb(static=1.0, kinetic=1.0)))
-    found = onset(plant, "block.belt_speed", (0.1, 1.0), values=3)
+    found = onset(plant, "block.belt_speed", (0.1, 1.0), num_values=3)
     assert found.losses == () and found.ends == () and found.hopf == () and found.bistable == []
     assert math.isnan(found.loss) and math.isnan(found.end)
     assert found.verdict(0.5) == "free" and "no stick-slip was found" in str(found)
@@ -198,7 +200,7 @@ def test_a_machine_without_falling_friction_is_free_everywhere():
 
 def test_a_single_release_is_not_stick_slip(rig):
     # the bit starts stuck and breaks free once under soft torque: that run must not count
-    found = onset(closed_loop(rig, SoftTorque()), "top.reference", (10.0, 14.0), values=3)
+    found = onset(closed_loop(rig, SoftTorque()), "top.reference", (10.0, 14.0), num_values=3)
     assert {judged.regime for judged in (*found.smooth, *found.sticking)} == {"smooth"}
     run = simulate(rig, 100.0, controller=SoftTorque(reference=10.0))
     assert len(measure.stick_intervals(run, "bit")) >= 1
@@ -221,7 +223,7 @@ def test_the_report_shows_both_branches_margins_and_what_was_checked(stiff):
 
 def test_a_scene_gives_its_plant_contact_and_law_by_label(root, tmp_path):
     scene = Scene.load(root / "studies" / "scenes" / "jansen_2.toml")
-    found = onset(scene["soft torque"], "top.reference", (2.0, 16.0), values=4, tolerance=0.2)
+    found = onset(scene["soft torque"], "top.reference", (2.0, 16.0), num_values=4, tolerance=0.2)
     assert found.element == "bit" and found.at == pytest.approx(95 * math.pi / 30)
     path = found.save(tmp_path / "onset.csv")
     with path.open(newline="") as file:
@@ -296,7 +298,7 @@ def test_a_scene_whose_input_moves_has_no_onset(root):
 def test_a_cycle_that_sticks_twice_is_judged_over_whole_cycles():
     """An integrating drive holds the mean at the set-point, so the severity is swing / (2 set-point), whatever the pattern of sticks."""
     plant, law = compose(wells.JANSEN_2, BitRock(weight=60e3)), PI(proportional=400.0, integral=250.0)
-    found = onset(closed_loop(plant, law), "top.reference", (1.45, 1.55), values=3)
+    found = onset(closed_loop(plant, law), "top.reference", (1.45, 1.55), num_values=3)
     run = simulate(plant, 1000.0, controller=law, inputs={"top.reference": 1.45}, start={"chain.speed": (1.45, 0.0)})
     sticks = [b - a for a, b in measure.stick_intervals(run, "bit", 500.0) if b < run.end]
     assert abs(sticks[-1] - sticks[-2]) > 0.5 and sticks[-1] == pytest.approx(sticks[-3], rel=1e-3)
@@ -310,7 +312,7 @@ def test_measurement_noise_hides_neither_border():
     """Smooth running is lost where it is without noise; existing stick-slip is judged with the noise, of which 2 % of swing are left when it has ended."""
     plant, law = compose(wells.JANSEN_2, BitRock(weight=60e3)), SoftTorque(reference=6.0)
     calm, noisy = (
-        onset(closed_loop(plant, Sampled(law, 0.05, noise=noise, seed=11)), "top.reference", (2.5, 9.0), values=3)
+        onset(closed_loop(plant, Sampled(law, 0.05, noise=noise, seed=11)), "top.reference", (2.5, 9.0), num_values=3)
         for noise in ({}, {"top.speed": 0.1})
     )
     assert noisy.loss == calm.loss

@@ -15,7 +15,7 @@ from toolbox.onsets.figures import onset_panels
 def test_every_panel_has_its_name_above_and_one_legend_holds_what_is_in_any_of_them():
     law = Exponential(static=1.0, kinetic=0.5, decay=2.0)
     found = {  # the first block loses smooth running in the range, the second does not
-        name: onset(compose(BlockOnBelt(damping=damping, friction=law)), "block.belt_speed", (0.1, 1.0), values=3)
+        name: onset(compose(BlockOnBelt(damping=damping, friction=law)), "block.belt_speed", (0.1, 1.0), num_values=3)
         for name, damping in (("little damping", 0.7), ("much damping", 2.0))
     }
     for order in (list(found), list(found)[::-1]):

@@ -21,7 +21,7 @@ def loop():
 
 @pytest.fixture(scope="module")
 def found(loop):
-    return onset(loop, "top.reference", (6.5, 9.0), values=3)
+    return onset(loop, "top.reference", (6.5, 9.0), num_values=3)
 
 
 def test_a_bistable_point_counts_the_starts_that_reach_its_stick_slip(loop, found):
@@ -50,7 +50,7 @@ def test_the_advice_says_what_reaches_the_stick_slip_and_what_does_not(found):
 
 
 def test_a_free_point_has_nothing_to_reach(loop):
-    assert onset(loop.at("top.reference", 11.0), "top.reference", (10.5, 12.0), values=3).reached == ()
+    assert onset(loop.at("top.reference", 11.0), "top.reference", (10.5, 12.0), num_values=3).reached == ()
 
 
 @pytest.mark.slow
@@ -64,5 +64,5 @@ def test_stick_slip_over_the_sample_time_ends_below_the_shortest_at_which_a_take
         runs = [simulate(at.replace(start=taken_over(at, start)), 3000.0) for start in under_held_commands(at)]
         lasting[period] = any(run.time_in("bit", "stick", after=2900.0) > 0.0 for run in runs)
     assert lasting == {0.14: False, 0.15: True}
-    found = onset(loop, "softtorque.sample_time", ("100 ms", "300 ms"), values=5)
+    found = onset(loop, "softtorque.sample_time", ("100 ms", "300 ms"), num_values=5)
     assert 0.14 < found.end < 0.15

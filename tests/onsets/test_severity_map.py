@@ -101,7 +101,7 @@ def test_both_borders_of_every_law_are_those_that_onset_finds(name):
     over = {"top.reference": (3.1, 14.0), "bit.weight": (80e3, 110e3)}
     mapped = severity_map(LAWS[name], over, shape=(6, 6), halvings=3)
     weight = float(mapped.axes[1][3])
-    both = onset(LAWS[name].at("bit.weight", weight), "top.reference", over["top.reference"], values=6)
+    both = onset(LAWS[name].at("bit.weight", weight), "top.reference", over["top.reference"], num_values=6)
     cell = float(np.diff(mapped.axes[0])[0])
     assert mapped.border("smooth", weight) == pytest.approx([both.loss], abs=0.1 * cell * mapped.resolution)
     assert mapped.border("sticking", weight) == pytest.approx([both.end], abs=cell * mapped.resolution)
@@ -117,7 +117,7 @@ def test_a_function_in_python_is_mapped_and_its_borders_are_those_of_onset():
     loop = closed_loop(RIG, Sampled(drive, 0.02, measured_signals="top.speed", actuated_signals="top.torque"))
     over = {"bit.weight": (40e3, 120e3), "chain.bit_drag": (30.0, 50.0)}
     mapped = severity_map(loop, over, shape=(np.int64(3), np.int32(2)), halvings=np.int64(2))
-    both = onset(loop.at("chain.bit_drag", 50.0), "bit.weight", over["bit.weight"], values=3, tolerance=2e3)
+    both = onset(loop.at("chain.bit_drag", 50.0), "bit.weight", over["bit.weight"], num_values=3, tolerance=2e3)
     cell = float(np.diff(mapped.axes[0])[0])
     assert mapped.border("smooth", 50.0) == pytest.approx([border.value for border in both.losses], abs=cell * mapped.resolution)
     assert mapped.border("sticking", 50.0) == pytest.approx([border.value for border in both.ends], abs=cell * mapped.resolution)
@@ -152,7 +152,7 @@ def test_standstill_is_no_stick_slip_and_has_regions_of_its_own():
     plant = compose(wells.NAVARRO_LOPEZ_4, BitRock())
     found = severity_map(plant, {"top.torque": (9600.0, 13_000.0), "bit.weight": (97_000.0, 97_694.0)}, shape=(18, 3), halvings=6)
     # the cycle of this string lives between its stall and its end, far below the break-away torque of 12 116 N m
-    both = onset(closed_loop(plant, inputs={"top.torque": 10_300.0}), "top.torque", (9000.0, 13_000.0), values=5)
+    both = onset(closed_loop(plant, inputs={"top.torque": 10_300.0}), "top.torque", (9000.0, 13_000.0), num_values=5)
     assert found.border("sticking", 97_347.0) == pytest.approx([both.stall, both.end], rel=5e-3)
     assert not found.regions["bistable"][found.axes[0] > 10_700.0].any() and found.regions["smooth or stuck"].any()
     assert "smooth until it is stopped" in str(found)

@@ -126,7 +126,7 @@ def test_every_number_that_acts_is_a_control_once_with_its_value_in_range(page, 
     for label in scene.labels:
         controls = told["laws"][label]["controls"]
         names = [each["name"] for each in controls]
-        hidden = scene[label].numbers().keys() - set(names)
+        hidden = scene[label].variable_numbers().keys() - set(names)
         assert len(names) == len(set(names)) and hidden <= {"chain.speed.0", "chain.speed.1"}
         for each in controls:
             number = scene[label].number(each["name"])
@@ -398,7 +398,7 @@ def test_a_stop_tells_its_way_and_what_its_contact_sounds_like_until_it_stands()
     )
     slowed = stopped.at(0.0)["disc.speed"] / times[-1]
     assert told["way of the stop"].endswith(f", {slowed:.3g} rad/s2 in the mean")
-    high, peak = stopped.limits["brake.force"][1], np.abs(stopped["brake.force"]).max()
+    high, peak = stopped.signal_limits["brake.force"][1], np.abs(stopped["brake.force"]).max()
     assert told["peak of brake.force"] == f"{peak:.4g} N, {100 * peak / high:.3g} % of its limit"
     assert 30.0 < found["spectrum"]["tone"] < 60.0
     frequency, amplitude = (floats(found["spectrum"][each]) for each in ("frequency", "amplitude"))
@@ -411,7 +411,7 @@ def test_the_peak_of_a_motor_before_its_gear_stands_beside_its_limit():
     with explore(scene, port=0) as served:
         told = dict(run(served, "soft torque")["measures"])
     seen = measure.extent(scene.run("soft torque"), "drive.torque")
-    peak, (low, high) = max(-seen.minimum, seen.maximum), scene.run("soft torque").limits["drive.torque"]
+    peak, (low, high) = max(-seen.minimum, seen.maximum), scene.run("soft torque").signal_limits["drive.torque"]
     assert told["peak of drive.torque"] == f"{1e-3 * peak:.4g} kN m, {100 * peak / high:.3g} % of its limit" and low == -high
     assert "limit" not in told["peak of top.torque"]
 

@@ -18,7 +18,7 @@ KNOWN = {"bit.weight": "97 kN +- 5 kN", "bit.friction.static": Uniform(0.7, 0.8)
 @pytest.fixture(scope="module")
 def found():
     laws = {"stiff PI": closed_loop(RIG, StiffPI()), "soft torque": closed_loop(RIG, SoftTorque())}
-    return uncertain_onset(laws, "top.reference", ("3 rad/s", 16.0), KNOWN, draws=80, values=7, tolerance=0.25)
+    return uncertain_onset(laws, "top.reference", ("3 rad/s", 16.0), KNOWN, draws=80, num_values=7, tolerance=0.25)
 
 
 def test_a_machine_is_free_at_its_border_and_sticks_below_it(found):
@@ -57,15 +57,15 @@ def test_borders_print_draw_and_go_to_a_file(found, tmp_path):
 
 def test_a_machine_that_is_free_everywhere_or_nowhere_is_told():
     loop = closed_loop(RIG, StiffPI())
-    free = uncertain_onset(loop, "top.reference", (25.0, 30.0), KNOWN, draws=4, values=3)
+    free = uncertain_onset(loop, "top.reference", (25.0, 30.0), KNOWN, draws=4, num_values=3)
     assert (free.onset_values["as it is"] == -math.inf).all() and "below" in str(free) and "by fewer than 72 draws" in str(free)
-    never = uncertain_onset(loop, "top.reference", (3.0, 4.0), KNOWN, draws=4, values=3)
+    never = uncertain_onset(loop, "top.reference", (3.0, 4.0), KNOWN, draws=4, num_values=3)
     assert (never.onset_values["as it is"] == math.inf).all() and "none" in str(never)
 
 
 def test_what_makes_no_sense_is_refused(found):
     loop = closed_loop(RIG, StiffPI())
     with pytest.raises(SceneError, match="takes at least 72 draws"):
-        uncertain_onset(loop, "top.reference", (25.0, 30.0), KNOWN, draws=2, values=3).lowest()
+        uncertain_onset(loop, "top.reference", (25.0, 30.0), KNOWN, draws=2, num_values=3).lowest()
     with pytest.raises(SceneError, match="must not name what is varied"):
         uncertain_onset(loop, "bit.weight", (70e3, 90e3), KNOWN)

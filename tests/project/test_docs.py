@@ -181,7 +181,7 @@ def test_lists_of_parameters_and_attributes_name_those_that_there_are():
             lists += 1
             own = {each for each in inspect.signature(thing).parameters if each not in ("self", "cls")}
             assert len(told) == len(set(told)) and set(told) <= own, f"{name} describes {sorted(set(told) - own)}, which it does not take"
-            assert own - set(told) <= {"former", "others"}, f"{name} does not describe {sorted(own - set(told))}"
+            assert own - set(told) <= {"former_names", "former_positional"}, f"{name} does not describe {sorted(own - set(told))}"
         if told := described(text, "Attributes"):
             own = (
                 {field.name for field in dataclasses.fields(thing) if not field.name.startswith("_")}

@@ -159,7 +159,7 @@ def counted(monkeypatch, module):
 
 def test_an_onset_tells_how_many_runs_it_made(monkeypatch):
     seen = counted(monkeypatch, "toolbox.onsets.onset")
-    found = onset(compose(oscillators.THOMSEN_FIDLIN), "block.belt_speed", (0.3, 0.5), values=3, tolerance=5e-2)
+    found = onset(compose(oscillators.THOMSEN_FIDLIN), "block.belt_speed", (0.3, 0.5), num_values=3, tolerance=5e-2)
     assert seen[0][:2] == ["onset", None] and 0 < seen[0][2] <= found.runs
 
 

@@ -12,7 +12,8 @@ from toolbox.faces import public_names
 
 FLOORS = (
     "version",
-    "errors", "vocabulary", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping",
+    "errors", "former_names", "vocabulary",
+    "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping",
     "simulation", "contacts", "measuring", "prediction", "steady_states", "logs",
     "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "drilling", "export", "reports", "authoring",
     "models", "controllers",
@@ -27,7 +28,7 @@ COMPILED_LOOPS = {
     "event_stepper.advance", "time_stepper._advance", "lanes/loop._run",
 }  # fmt: skip
 """Event loops in machine code, as file.name: a call of them, and every argument of it, is paid for at each step."""
-MORE_ARGUMENTS = {"tabulated_string.from_tables": 18}
+MORE_ARGUMENTS = {"tabulated_string.from_tables": 18, "fit.fit": 11}
 """Functions, as file.name, that take what their users need to say, and how many arguments at most."""
 
 

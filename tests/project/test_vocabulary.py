@@ -21,8 +21,9 @@ from toolbox import Sampled, SceneError, compose, sweep
 from toolbox.commands.command_line import COMMANDS, main
 from toolbox.drilling.lowest_set_point import LowestSetPoints, SetPointLimit
 from toolbox.files.results import Result
+from toolbox.former_names import ENTRIES
 from toolbox.scenes.scene import Scene
-from toolbox.vocabulary import ENTRIES, NOW
+from toolbox.vocabulary import NOW
 
 FACES = (
     "toolbox",
@@ -141,6 +142,24 @@ def test_the_tests_notice_a_column_with_a_former_name(write, tmp_path):
     write(tmp_path / "table.csv", ("controller", "set-point"))
     with pytest.raises(AssertionError, match="the column `law` is now `controller`"):
         write(tmp_path / "table.csv", ("law", "set-point"))
+
+
+@pytest.mark.parametrize(("package", "old"), [(place, old) for (place, old) in NOW if place in FACES])
+def test_a_package_refuses_the_former_name_of_a_class_with_the_name_now(package, old):
+    face = importlib.import_module(package)
+    assert NOW[package, old] in PUBLIC
+    with pytest.raises(AttributeError, match=f"`{old}` is now `{NOW[package, old]}`"):
+        getattr(face, old)
+
+
+def test_a_scene_with_the_former_name_of_a_class_loads_and_one_line_gives_the_name_now(root, tmp_path, capsys):
+    text = (root / "studies" / "scenes" / "lugre_guide.toml").read_text(encoding="utf-8")
+    former = text.replace('part = "GuideContact"', 'part = "Guide"')
+    assert former != text
+    (tmp_path / "scene.toml").write_text(former, encoding="utf-8")
+    assert Scene.load(tmp_path / "scene.toml") == Scene.load(root / "studies" / "scenes" / "lugre_guide.toml")
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and "`Guide` is now `GuideContact`" in told
 
 
 def test_a_former_command_is_refused_with_the_one_now(capsys):

@@ -7,7 +7,7 @@ import pytest
 
 from controllers import SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import Scene, SceneError, closed_loop, compose, measure, onset, simulate, units
+from toolbox import Scene, SceneError, closed_loop, compose, measure, onset, simulate, use_units
 
 RIG = compose(wells.JANSEN_2, BitRock())
 
@@ -38,7 +38,7 @@ RIG = compose(wells.JANSEN_2, BitRock())
         (lambda: onset(closed_loop(RIG, StiffPI()), "top.refrence", (3, 14)), r"did you mean `top.reference`"),
         (lambda: Scene.load("studies/scenes/jansen_2.toml").run(0), r"There is no controller `0`: known are `constant torque`"),
         (lambda: measure.severity(np.ones(1000)), r"must be a trajectory, as `simulate` returns it, but it is .{1,60}\.$"),
-        (lambda: units("imperial"), r"known are `si`, `metric`, `oilfield`"),
+        (lambda: use_units("imperial"), r"known are `si`, `metric`, `oilfield`"),
     ],
 )
 def test_a_wrong_use_is_answered_with_what_to_write_instead(use, says):

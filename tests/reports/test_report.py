@@ -165,7 +165,7 @@ def test_a_brake_reads_in_si_and_a_law_in_python_and_a_shape_tell_their_numbers(
     text = re.sub("<[^>]+>", " ", report(tmp_path / "out", path=tmp_path / "page.html").read_text())
     assert "to standstill at 0.1 rad/s" in text and "deceleration 2.5 rad/s2" in text and "force_rate 20000 N/s" in text
     assert "rpm" not in text
-    assert re.search(r"BrakeMPC, sampled every 30 ms: .*speed_size 0.2 rad/s", text)
+    assert re.search(r"BrakeMPC, sampled every 30 ms: .*speed_scale 0.2 rad/s", text)
     assert text.count("inputs: pad.attachment sine (mean 0 N, amplitude 4 N, frequency 40 Hz, phase 0 rad)") == 1  # shared by both
     assert re.search(r"all of them\s+inputs:", text)
 

@@ -18,7 +18,9 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path")
 def test_a_report_from_disk_makes_no_request_and_says_nothing_on_the_console(tmp_path):
-    found = onset(closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque()), "top.reference", (6.0, 10.0), duration="60 s", values=3)
+    found = onset(
+        closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque()), "top.reference", (6.0, 10.0), duration="60 s", num_values=3
+    )
     path = report(found, path=tmp_path / "report.html")
     asked, said = [], []
     with playwright.sync_playwright() as driver:

@@ -171,7 +171,7 @@ def test_no_shipped_law_surpasses_the_limit(rig, speed):
         StiffPI(reference=speed), PI(reference=speed), ActiveDamping(reference=speed), SoftTorque(reference=speed), ZTorque(reference=speed, filter_time=0.02),
         HInfinity(reference=speed), LQG(reference=speed, delay_samples=3),
     ]  # fmt: skip
-    found = [margins(closed_loop(rig, Sampled(law, 0.01, 0.03)), measured=False) for law in laws]
+    found = [margins(closed_loop(rig, Sampled(law, 0.01, 0.03)), by_simulation=False) for law in laws]
     assert any(each.stable for each in found)
     for each in found:
         assert not each.stable or (each.disk_margin <= best.disk_margin and each.peak_sensitivity >= best.peak_sensitivity)

@@ -381,7 +381,7 @@ def test_the_machine_itself_loses_smooth_running_where_the_margin_says(rig, labe
 
 
 def test_a_relay_has_measured_margins_and_no_linear_ones(rig):
-    found = margins(closed_loop(rig, IdealSlidingMode(reference=6.0)), inertia="chain.inertia.0", duration=40.0)
+    found = margins(closed_loop(rig, IdealSlidingMode(reference=6.0)), inertia_parameter="chain.inertia.0", simulation_duration=40.0)
     assert math.isnan(found.disk_margin) and not found.stable and "switches" in found.reason
     assert found.simulated_margins.highest_gain > 1.1 and math.isnan(found.simulated_margins.delay)
     assert found.simulated_margins.lowest_inertia < 0.8
@@ -389,7 +389,7 @@ def test_a_relay_has_measured_margins_and_no_linear_ones(rig):
 
 
 def test_measured_margins_of_a_linear_law_agree_with_its_linear_ones(rig):
-    found = margins(closed_loop(rig, Sampled(LQG(reference=5.0, delay_samples=3), 0.01, 0.03)), measured=True)
+    found = margins(closed_loop(rig, Sampled(LQG(reference=5.0, delay_samples=3), 0.01, 0.03)), by_simulation=True)
     assert found.simulated_margins.highest_gain == pytest.approx(found["top.torque"].highest_gain, rel=0.03)
     assert found.simulated_margins.delay == pytest.approx(found.delay_margin, rel=0.03)
 
@@ -416,7 +416,9 @@ def test_a_law_that_lifts_the_set_point_for_a_while_has_the_margins_of_the_law_i
 
 
 def test_a_loop_that_fails_as_it_is_has_no_measured_margin(rig):
-    found = margins(closed_loop(rig, Sampled(StiffPI(reference=3.0), 0.01)), measured=True, duration=100.0)  # below its Hopf speed
+    found = margins(
+        closed_loop(rig, Sampled(StiffPI(reference=3.0), 0.01)), by_simulation=True, simulation_duration=100.0
+    )  # below its Hopf speed
     assert not found.stable
     assert (found.simulated_margins.lowest_gain, found.simulated_margins.highest_gain, found.simulated_margins.delay) == (1.0, 1.0, 0.0)
 
@@ -436,9 +438,9 @@ def test_a_law_without_a_derivative_says_why(rotor, law, why):
         if isinstance(law, Controller)
         else Sampled(law, 0.01, measured_signals="rotor.speed", actuated_signals="rotor.torque")
     )
-    found = margins(closed_loop(rotor, given), measured=False)
+    found = margins(closed_loop(rotor, given), by_simulation=False)
     assert why in found.reason and math.isnan(found.disk_margin) and found.simulated_margins is None
-    assert margins(closed_loop(rotor, Sampled(Proportional(reference=0.0), 0.01)), measured=False).reason == ""
+    assert margins(closed_loop(rotor, Sampled(Proportional(reference=0.0), 0.01)), by_simulation=False).reason == ""
 
 
 @dataclass(frozen=True)
@@ -459,7 +461,7 @@ class Leaking(Controller):
 
 def test_what_bends_near_to_steady_running_is_no_kink_there_whatever_its_size_beside_others(rotor):
     def reason(**numbers):
-        return margins(closed_loop(rotor, Sampled(Leaking(**numbers), 0.01)), measured=False).reason
+        return margins(closed_loop(rotor, Sampled(Leaking(**numbers), 0.01)), by_simulation=False).reason
 
     assert reason(place=1e-4) == "" and reason(place=1e-7) == ""  # the memory is zero, the torque near to 1e5 N m
     assert reason(place=1.0, round=1e3) == ""
@@ -469,15 +471,15 @@ def test_what_bends_near_to_steady_running_is_no_kink_there_whatever_its_size_be
 @pytest.mark.parametrize("period", ["1 ms", "0.1 ms"])
 def test_a_law_that_takes_weight_off_has_the_linear_loop_of_the_law_inside(rig, period):
     without, relieved = (
-        margins(closed_loop(rig, Lifting(PI(), weight_relief=relief), sample_time=period), measured=False) for relief in (None, 0.4)
+        margins(closed_loop(rig, Lifting(PI(), weight_relief=relief), sample_time=period), by_simulation=False) for relief in (None, 0.4)
     )
     assert relieved.reason == "" and relieved["top.torque"].highest_gain == pytest.approx(without["top.torque"].highest_gain, rel=1e-6)
 
 
 def test_a_boundary_layer_has_a_slope_and_a_root_has_none(rig):
-    assert margins(closed_loop(rig, Sampled(SlidingMode(reference=5.0), 0.01)), measured=False).stable
-    assert "not finite" in margins(closed_loop(rig, Sampled(SuperTwisting(reference=5.0), 0.01)), measured=False).reason
-    assert "callable" in margins(closed_loop(rig, Sampled(LinearMPC(reference=5.0), 0.1)), measured=False).reason
+    assert margins(closed_loop(rig, Sampled(SlidingMode(reference=5.0), 0.01)), by_simulation=False).stable
+    assert "not finite" in margins(closed_loop(rig, Sampled(SuperTwisting(reference=5.0), 0.01)), by_simulation=False).reason
+    assert "callable" in margins(closed_loop(rig, Sampled(LinearMPC(reference=5.0), 0.1)), by_simulation=False).reason
 
 
 # --- what it says
@@ -518,9 +520,9 @@ def test_mistakes_are_told(rig):
     with pytest.raises(SceneError, match="There are no margins of"):
         margins(closed_loop(rig, SoftTorque(reference=5.0)))["bottom.torque"]
     with pytest.raises(SceneError, match="duration"):
-        margins(closed_loop(rig, SoftTorque()), duration=0.0)
+        margins(closed_loop(rig, SoftTorque()), simulation_duration=0.0)
     with pytest.raises(SceneError, match="inertia"):
-        margins(closed_loop(rig, SoftTorque(reference=5.0)), measured=True, inertia="chain.inertia")
+        margins(closed_loop(rig, SoftTorque(reference=5.0)), by_simulation=True, inertia_parameter="chain.inertia")
 
 
 @pytest.mark.parametrize("speed", [2.2, 3.0, 4.0])
@@ -542,6 +544,6 @@ def test_the_disk_margin_alone_is_that_of_all_margins():
         SlidingMode(),
     )
     found = [disk_margin(closed_loop(rig, law)) for law in laws]
-    np.testing.assert_array_equal(found, [margins(closed_loop(rig, law), measured=False).disk_margin for law in laws])
+    np.testing.assert_array_equal(found, [margins(closed_loop(rig, law), by_simulation=False).disk_margin for law in laws])
     assert found[1] == 0.0 and found[0] > 0.0 and found[2] > 0.0
     assert math.isnan(disk_margin(closed_loop(rig, IdealSlidingMode())))

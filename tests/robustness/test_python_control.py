@@ -28,7 +28,7 @@ def by_control(law, period, delay):
     Over a period the plant gets the output of `whole` samples ago, and for the first `part` of the period the one before.
     """
     loop = closed_loop(RIG, law, inputs={"top.reference": SPEED})
-    gains, steady = loop.designed[0], equilibrium(loop)
+    gains, steady = loop.designed_controllers[0], equilibrium(loop)
     plant = linearise(closed_loop(RIG, inputs={"top.torque": steady["top.torque"]}), steady, inputs=["top.torque"], outputs=["top.speed"])
     whole = math.floor(delay / period + 1e-9)
     part = max(delay - whole * period, 0.0)
@@ -54,7 +54,7 @@ def test_poles_margins_and_delay_margin_are_those_of_python_control(law, period,
     for pole in poles[np.abs(poles) > 1e-2]:  # others are those of the outputs on their way, a root of many equal poles
         assert np.abs(own - pole).min() < 1e-6 * abs(pole)
 
-    found = margins(loop, measured=False)["top.torque"]
+    found = margins(loop, by_simulation=False)["top.torque"]
     frequency = np.geomspace(1e-3, 0.9999 * math.pi / period, 20_000)
 
     def transfer(w):

@@ -34,7 +34,7 @@ def routh(loop, changed):
 
     J_0 w_0' = u - k phi - d (w_0 - w_1) - c_0 w_0,   J_1 w_1' = k phi + d (w_0 - w_1) - (c_1 + slope of the rock) w_1,   u' = -P w_0' - I w_0
     """
-    known = {name: number.value * changed.get(name, 1.0) for name, number in loop.numbers().items()}
+    known = {name: number.value * changed.get(name, 1.0) for name, number in loop.variable_numbers().items()}
     slope = -0.9 * known["bit.weight"] * known["bit.radius"] * 0.3 * math.exp(-0.9 * SPEED)
     k, d = known["chain.stiffness.0"], known["chain.damping.0"]
     top = [known["chain.inertia.0"], d + known["chain.top_drag"] + known["pi.proportional"], k + known["pi.integral"]]
@@ -111,7 +111,7 @@ def test_the_error_found_breaks_the_machine_and_a_smaller_one_does_not(loop):
 
 def test_an_error_of_the_delay_alone_is_the_delay_margin(rig):
     loop = closed_loop(rig, Sampled(SoftTorque(reference=9.0), 0.05, 0.05))
-    margin = margins(loop, measured=False).delay_margin
+    margin = margins(loop, by_simulation=False).delay_margin
     found = smallest_error(loop, {"delay": (0.05, 0.05 + 1.25 * margin)}, 20.0, mean_within=10.0, ripple_within=10.0)
     assert found.linear_size == pytest.approx(0.8, abs=PRECISION)
     assert found.values["delay"] == pytest.approx(0.05 + 1.25 * margin * found.size)

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from models import BlockOnBelt, Dahl, Guide, LuGre
+from models import BlockOnBelt, Dahl, GuideContact, LuGre
 from toolbox import Scene, compose, measure
 from toolbox.onsets.study import verdict_row
 from toolbox.scenes.verdict_table import table
@@ -93,6 +93,6 @@ def test_a_scene_without_modes_is_judged_by_the_severity_of_its_contact(tmp_path
     assert "no modes" in table(found, [row])
     again = Scene.of(found.plant(), 40.0, inputs=found.inputs)
     assert (again.element, again.signal) == (None, "bit.speed")
-    both = Scene.of(compose(BlockOnBelt(), Guide(friction=Dahl())), 10.0)
+    both = Scene.of(compose(BlockOnBelt(), GuideContact(friction=Dahl())), 10.0)
     assert (both.element, both.signal) == ("belt", "belt.slip")
-    assert Scene.of(compose(BlockOnBelt(), Guide(friction=Dahl())), 10.0, element="guide").signal == "guide.slip"
+    assert Scene.of(compose(BlockOnBelt(), GuideContact(friction=Dahl())), 10.0, element="guide").signal == "guide.slip"

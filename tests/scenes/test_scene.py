@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers import Lifting, OnEstimates, SlidingMode, SoftTorque, StiffPI
+from controllers import Lifting, SlidingMode, SoftTorque, StiffPI, StringObserverController
 from controllers.observers import Kalman
 from models import BitRock, Block, BlockOnBelt, Coulomb, Exponential, wells
 from toolbox import Sampled, SceneError, compose, simulate
@@ -211,7 +211,7 @@ label = "on estimates, lifting"
 law = "SlidingMode"
 reference = "50 rpm"
 inside = [
-    { law = "OnEstimates", delay_samples = 3, observer = { law = "observers.Kalman", speed_noise = "0.1 rpm" } },
+    { law = "StringObserverController", delay_samples = 3, observer = { law = "observers.Kalman", speed_noise = "0.1 rpm" } },
     { law = "Lifting", first_factor = 1.6, observer = { torque_walk = 3000.0 } },
 ]
 sample_time = "10 ms"
@@ -222,7 +222,7 @@ sample_time = "10 ms"
 def test_a_law_may_stand_inside_others_which_take_the_set_point_too(written, tmp_path):
     scene = Scene.load(written(RIG + LIFTING))
     assert scene.case("lifting").law == Lifting(SoftTorque(reference="120 rpm", highest_torque=20e3), reference="120 rpm")
-    inner = OnEstimates(SlidingMode(reference="50 rpm"), Kalman(speed_noise="0.1 rpm"), delay_samples=3)
+    inner = StringObserverController(SlidingMode(reference="50 rpm"), Kalman(speed_noise="0.1 rpm"), delay_samples=3)
     around = Lifting(inner, reference="120 rpm", first_factor=1.6, observer=Kalman(torque_process_noise=3000.0))
     assert scene.case("on estimates, lifting").law == around
     assert Scene.load(scene.save(tmp_path / "again.toml")).cases == scene.cases
@@ -374,7 +374,7 @@ MISTAKES = [
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", frist_factor = 2 }'), "did you mean `first_factor`"),
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", observer = 3 }'), "`Lifting.observer` must be a table with `law`"),
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", observer = { law = "PI" } }'), "`observer` must be a StringObserver"),
-    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = "OnEstimates"'), "The key `observer` is missing in `OnEstimates`"),
+    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = "StringObserverController"'), "The key `observer` is missing in `StringObserverController`"),
     (edited('label = "open loop"', 'label = "open loop"\ninside = "Lifting"'), "no key `inside` in open loop"),
     (edited('law = "SlidingMode"', 'law = "IdealSlidingMode"\nsample_time = "10 ms"'), "Controller `sliding mode`: IdealSlidingMode has no sampled form"),
 ]  # fmt: skip

@@ -59,4 +59,4 @@ def test_without_a_method_every_scene_switches_as_by_explicit_steps(name):
             continue
         assert pair.sensitive or pair.same_switches, pair.title
         assert pair.sensitive or pair.shift <= pair.default.accuracy, pair.title
-        assert pair.default.error <= 10 * max(pair.default.accuracy, pair.explicit.error), pair.title
+        assert pair.default.error_estimate <= 10 * max(pair.default.accuracy, pair.explicit.error_estimate), pair.title

@@ -33,7 +33,7 @@ from toolbox import (
 )
 from toolbox.calibration import Search
 from toolbox.errors import AccuracyError, BudgetError
-from toolbox.modelling import Hysteresis, Observed, Relay, Takeover
+from toolbox.modelling import Hysteresis, ObserverBasedController, Relay, Takeover
 from toolbox.modelling.components import fields_of
 from toolbox.simulation import EventExact, TimeStepping
 from toolbox.simulation.methods import METHODS, method_of
@@ -52,7 +52,7 @@ LAWS = sorted(
     if isinstance(kind, type)
     and dataclasses.is_dataclass(kind)
     and issubclass(kind, Controller)
-    and not issubclass(kind, (Observed, controllers.Lifting))  # which need another law to act on
+    and not issubclass(kind, (ObserverBasedController, controllers.Lifting))  # which need another law to act on
 )
 PERIOD = {"LinearMPC": 0.1, "NonlinearMPC": 0.1, "BrakeMPC": 0.03}
 CONTINUOUS = ("IdealSlidingMode", "HeldSpeed")
@@ -118,7 +118,7 @@ def test_two_inertias_on_a_shaft_of_any_stiffness_follow_the_matrix_exponential(
     run = simulate(compose(chain), duration, inputs={"top.torque": 1000.0}, method=method, output_times=np.linspace(0.0, duration, 51))
     exact = np.array([(expm(A * t) @ [0.0, 0.0, 0.0, 1.0])[:3] for t in run.time])
     assert np.abs(run.states - exact).max(axis=0) == pytest.approx(np.zeros(3), abs=1e-5 * np.abs(exact).max())
-    assert run.error < 1e-4
+    assert run.error_estimate < 1e-4
 
 
 @pytest.mark.parametrize(("method", "accuracy"), [("event", 1e-6), ("stiff", 1e-6), ("time-stepping", 1e-3)])
@@ -306,7 +306,7 @@ def test_a_run_of_no_time_under_any_law_is_its_start(name):
     law = getattr(controllers, name)()
     run = simulate(plant_of(law), 0.0, controller=clocked(law))
     assert run.time.tolist() == [0.0]
-    assert run.error == 0.0
+    assert run.error_estimate == 0.0
 
 
 # --- laws: their numbers
@@ -332,7 +332,7 @@ def test_a_number_of_an_observer_that_is_none_is_refused_by_its_name(observer):
     for field in fields_of(observer):
         if field.numeric and getattr(observer(), field.name) is not None:
             with pytest.raises(SceneError, match=field.name):
-                simulate(RIG, 0.0, controller=Sampled(Observed(SoftTorque(), observer(**{field.name: math.nan})), 0.01))
+                simulate(RIG, 0.0, controller=Sampled(ObserverBasedController(SoftTorque(), observer(**{field.name: math.nan})), 0.01))
 
 
 @pytest.mark.parametrize(
@@ -348,7 +348,7 @@ def test_a_number_of_an_observer_that_is_none_is_refused_by_its_name(observer):
         (LinearMPC(sensor_noise=(1e-300,)), "squares"),
         (LQG(delay_samples=-1), "`delay_samples` must be an integer >= 0 and <= 1000"),
         (LQG(delay_samples=10**9), "`delay_samples` must be an integer >= 0 and <= 1000"),
-        (Observed(StiffPI(), observers.Kalman(speed_noise=1e-300)), "Kalman cannot be designed"),
+        (ObserverBasedController(StiffPI(), observers.Kalman(speed_noise=1e-300)), "Kalman cannot be designed"),
         (PI(proportional=(1.0, 2.0)), "`proportional` of PI must be one number"),  # type: ignore[arg-type]
         (Takeover(before=StiffPI(), after=5.0), "must be a Controller"),  # type: ignore[arg-type]
     ],
@@ -406,7 +406,7 @@ VERBS = {
     "equilibrium parameters": (lambda bad: toolbox.equilibrium(closed_loop(RIG, parameters=bad)), "parameters", (5, "strong", ["bit.weight"])),
     "linearise outputs": (lambda bad: toolbox.linearise(RIG, {"bit.speed": 1.0}, outputs=bad), "name", (5, 1j, object(), [])),
     "hopf_points parameter": (lambda bad: toolbox.hopf_points(closed_loop(RIG, StiffPI()), bad, (2.0, 8.0)), "parameter", (*NO_NAMES, [])),
-    "hopf_points values": (lambda bad: toolbox.hopf_points(closed_loop(RIG, StiffPI()), "top.reference", (2.0, 8.0), values=bad), "values", NO_NUMBERS),
+    "hopf_points values": (lambda bad: toolbox.hopf_points(closed_loop(RIG, StiffPI()), "top.reference", (2.0, 8.0), num_values=bad), "values", NO_NUMBERS),
     "pole_locus values": (lambda bad: toolbox.steady_states.pole_locus(closed_loop(RIG, StiffPI()), "top.reference", bad), "values", NO_NUMBERS),
     "limit_cycle accuracy": (lambda bad: toolbox.limit_cycle(RUN, accuracy=bad), "accuracy", NO_NUMBERS),
     "follow bounds": (lambda bad: toolbox.follow(CYCLE, "block.belt_speed", bad), "bounds", (*NO_NUMBERS, (1.0, 0.0))),
@@ -427,7 +427,7 @@ VERBS = {
     ),
     "impedance speed": (lambda bad: toolbox.impedance(StiffPI(), frequency=[1.0], speed=bad), "speed", NO_NUMBERS),
     "reflection impedance": (lambda bad: toolbox.steady_states.reflection(bad, 1.0), "impedance", (math.nan, "strong", None, [1.0, math.nan])),
-    "smoothed matched": (lambda bad: toolbox.modelling.smoothed(BELT, 0.1, matched=bad), "matched", NO_NUMBERS),
+    "smoothed matched": (lambda bad: toolbox.modelling.smoothed(BELT, 0.1, match_static_peak=bad), "matched", NO_NUMBERS),
     "part": (lambda bad: compose(BlockOnBelt(mass=bad)), "mass", NO_NUMBERS),
 }  # fmt: skip
 

@@ -24,7 +24,7 @@ def test_a_pulse_in_a_formula_is_not_stepped_over_from_rest(width):
     plant = compose(BlockOnBelt(belt_speed=0.0))
     run = simulate(plant, 100.0, inputs={"block.force": 1e4 * ca.exp(-(((time - 50) / width) ** 2))})
     assert np.abs(run["block.position"]).max() > 1000.0
-    assert run.error < 1e-5
+    assert run.error_estimate < 1e-5
 
 
 def test_a_load_that_a_formula_or_a_law_makes_negative_is_an_error_that_says_when(rig):

@@ -150,14 +150,14 @@ def test_a_run_that_goes_on_is_measured_saved_and_read_in_its_own_time(tmp_path)
     first = simulate(belt, 10.0)
     second = simulate(belt, 10.0, start=first.last, output_times=np.linspace(11.0, 20.0, 10))
     assert (second.begin, second.end, second.duration) == (10.0, 20.0, 10.0)
-    assert second.time[0] == 11.0 and second.nodes.time[0] == 10.0
+    assert second.time[0] == 11.0 and second.every_step.time[0] == 10.0
     assert second.intervals("belt")[0][0] == 10.0
     assert measure.stick_intervals(second, "belt") == measure.stick_intervals(second, "belt", 10.0)
     with pytest.raises(SceneError, match="between 10 and 20 s"):
         second.at(9.0)
     with pytest.raises(SceneError, match="between 10 and 20 s"):
         simulate(belt, 10.0, start=first.last, output_times=[5.0])
-    assert second.error < 1e-5
+    assert second.error_estimate < 1e-5
     again = type(second).load(second.save(tmp_path / "run.npz"))
     assert again.begin == 10.0 and again.intervals("belt") == second.intervals("belt")
 

@@ -358,7 +358,9 @@ def test_asking_for_the_error_does_not_disturb_a_callable_with_a_state(kind):
     compiled = simulate(plant, 10.0, controller=PI(), sample_time=0.02)
     run = simulate(plant, 10.0, controller=python_law(kind, 0.02), sample_time=0.02)
     before = run.at(7.0)["bit.speed"]
-    assert run.error < 10 * max(compiled.error, 1e-6)  # a law that starts from its last state would be off by its integral
+    assert run.error_estimate < 10 * max(
+        compiled.error_estimate, 1e-6
+    )  # a law that starts from its last state would be off by its integral
     assert run.at(7.0)["bit.speed"] == before
     gridded = simulate(plant, 10.0, controller=python_law(kind, 0.02), sample_time=0.02, output_times=np.linspace(0, 10, 11))
     assert gridded.at(7.0)["bit.speed"] == pytest.approx(before, abs=1e-9)

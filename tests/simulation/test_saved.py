@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers import LQG, PI
-from models import BitRock, BlockOnBelt, Coulomb, Drop, wells
+from models import BitRock, BlockOnBelt, Coulomb, StepFriction, wells
 from tests.simulation.test_contacts import Ball
 from toolbox import Budget, SceneError, Trajectory, closed_loop, compose, energy_audit, fit, measure, simulate
 from toolbox.errors import BudgetError
@@ -23,7 +23,7 @@ RUNS = {
     "no contact": (compose(wells.JANSEN_2), 5.0, {"inputs": {"top.torque": 1e4}}),
     "no switch": (compose(BlockOnBelt(belt_speed=0.0)), 3.0, {"output_times": [0.0, 1.0, 2.0]}),
     "a break of the law": (
-        compose(BlockOnBelt(friction=Drop(static=1.0, kinetic=0.5, drop_speed=0.3))),
+        compose(BlockOnBelt(friction=StepFriction(static=1.0, kinetic=0.5, drop_speed=0.3))),
         20.0,
         {"start": {"block.position": 1.0}},
     ),
@@ -54,7 +54,7 @@ def test_a_run_read_back_answers_at_any_time_as_the_run_itself(case, tmp_path):
     plant, duration, arguments = RUNS[case]
     run = simulate(plant, duration, **arguments)
     back = Trajectory.load(run.save(tmp_path / "run.npz"))
-    nodes = run.nodes.time
+    nodes = run.every_step.time
     times = np.sort(np.concatenate([nodes, np.linspace(0.0, run.end, 1003), 0.3 * nodes[:-1] + 0.7 * nodes[1:]]))
     exact, read = run.at(times), back.at(times)
     for name in run.names:
@@ -71,7 +71,7 @@ def test_the_file_of_a_finer_run_is_finer_too(accuracy, most, tmp_path):
     plant, _, arguments = RUNS["sampled drive"]
     run = simulate(plant, 10.0, accuracy=accuracy, **arguments)
     back = Trajectory.load(run.save(tmp_path / "run.npz"))
-    times = np.sort(np.concatenate([np.linspace(0.0, 10.0, 1003), 0.3 * run.nodes.time[:-1] + 0.7 * run.nodes.time[1:]]))
+    times = np.sort(np.concatenate([np.linspace(0.0, 10.0, 1003), 0.3 * run.every_step.time[:-1] + 0.7 * run.every_step.time[1:]]))
     exact, read = run.at(times), back.at(times)
     assert all(np.abs(read[name] - exact[name]).max() <= most * np.abs(exact[name]).max() for name in run.names)
 
@@ -82,7 +82,7 @@ def test_a_signal_that_changes_in_no_step_is_kept_once_a_step(tmp_path):
     with np.load(path) as arrays:
         points = int(arrays["step.degree"].astype(int).sum() + arrays["step.degree"].size)
         lengths = {name: len(arrays[f"step.{name}"]) for name in ("bit.speed", "top.torque", "estimate.bit.speed", "bit.weight")}
-    nodes = run.nodes.time.size
+    nodes = run.every_step.time.size
     assert lengths == {"bit.speed": points, "top.torque": nodes, "estimate.bit.speed": nodes, "bit.weight": nodes} and points > 3 * nodes
     back, times = Trajectory.load(path), np.linspace(0.0, 5.0, 1003)
     np.testing.assert_array_equal(back.at(times)["estimate.bit.speed"], run.at(times)["estimate.bit.speed"])
@@ -187,9 +187,9 @@ def test_a_run_is_no_array_and_says_what_to_take_instead(tmp_path):
 
 def test_a_run_read_back_keeps_the_error_that_was_asked(tmp_path):
     run = simulate(RIG, 5.0)
-    error = run.error
+    error = run.error_estimate
     back = Trajectory.load(run.save(tmp_path / "run.npz"))
-    assert back.error == error and f"error {error:.1e}" in str(back)
+    assert back.error_estimate == error and f"error {error:.1e}" in str(back)
     assert str(back).splitlines()[0] == str(run).splitlines()[0]
 
 
@@ -219,7 +219,7 @@ def test_what_a_file_does_not_hold_is_refused_by_name(tmp_path):
     run = simulate(RIG, 5.0)
     back = Trajectory.load(run.save(tmp_path / "run.npz"))
     with pytest.raises(SceneError, match=r"does not say its error: `error` needs the plant; ask it before `save`, or `pickle` the run"):
-        back.error  # noqa: B018
+        back.error_estimate  # noqa: B018
     with pytest.raises(SceneError, match=r"cannot be carried on: `last` needs the plant"):
         back.last  # noqa: B018
     with pytest.raises(SceneError, match=r"Argument `run` must be a trajectory with its plant"):

@@ -82,7 +82,7 @@ def test_output_times_are_copied():
     run = simulate(BLOCK, 1.0, output_times=grid)
     grid[:] = 7.0
     np.testing.assert_array_equal(run.time, np.linspace(0, 1, 5))
-    assert run.error < 1e-5
+    assert run.error_estimate < 1e-5
 
 
 # --- start
@@ -443,7 +443,7 @@ def test_a_run_stopped_by_its_budget_is_as_good_as_far_as_it_goes():
     run, whole = caught.value.run, simulate(BLOCK, caught.value.run.end)
     assert run.at(run.end)["block.position"] == pytest.approx(whole.at(run.end)["block.position"], abs=1e-6)
     assert run.time_in("belt", "stick") == pytest.approx(whole.time_in("belt", "stick"), abs=1e-5)
-    assert 0 < run.error < 1e-5
+    assert 0 < run.error_estimate < 1e-5
 
 
 def test_the_errors_are_a_family_a_caller_can_catch():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from models import BlockOnBelt, Coulomb
-from models.friction import Drop
+from models.friction import StepFriction
 from toolbox import Component, DryFriction, Equations, Sampled, SimulationError, compose, quantity, simulate, state, sweep, time
 from toolbox.compilation import work_layout as layout
 from toolbox.inputs import sine
@@ -58,7 +58,7 @@ def test_a_sweep_over_the_input_starts_on_its_far_side():
 
 
 def test_a_law_knows_on_which_side_of_its_break_a_jump_of_the_belt_puts_it():
-    plant = compose(BlockOnBelt(load=5.0, friction=Drop(static=1.0, kinetic=0.2, drop_speed=0.3)))
+    plant = compose(BlockOnBelt(load=5.0, friction=StepFriction(static=1.0, kinetic=0.2, drop_speed=0.3)))
     belt = ([0.0, 0.02, 0.02, 0.05], [0.3, 0.3, -0.35, -0.35])
     run = simulate(plant, 0.05, start={"block.position": -2.0}, inputs={"block.belt_speed": belt})
     after = run.at(0.02)
@@ -106,7 +106,7 @@ def test_contacts_far_inside_their_bounds_hold_at_every_step_of_a_force(masses, 
 def test_contacts_that_hold_each_other_at_rest_take_steps_as_long_as_their_force_asks_for(masses):
     run = simulate(compose(Held(*masses)), 1.0, inputs={"b.force": sine(0.0, 0.5, 1.0)})
     assert run.events == [] and run.steps[0] < 1_000
-    assert run.error < 1.0  # and its second run comes to an end, too
+    assert run.error_estimate < 1.0  # and its second run comes to an end, too
 
 
 # ------------------------------------------------------------------------------------------------------------------------------ bounds
@@ -172,7 +172,7 @@ def test_a_switch_at_which_other_modes_were_consistent_is_listed():
         plant = compose(Pair(static, kinetic))
         loads = {f"{body}.force": sine(0.0, a, f) for body, a, f in zip("ab", amplitudes, frequencies, strict=True)}
         run = simulate(plant, 20.0, inputs=loads, accuracy=1e-9)
-        for event in run.ambiguous:
+        for event in run.ambiguous_events:
             at = run.at(event.time)
             slips = (at["a.v"], at["b.v"] - at["a.v"])
             sets = consistent_sets(
@@ -180,7 +180,7 @@ def test_a_switch_at_which_other_modes_were_consistent_is_listed():
             )
             assert len(sets) > 1
             counted += 1
-        assert f"{len(run.ambiguous)} switches at which other modes" in str(run) or not run.ambiguous
+        assert f"{len(run.ambiguous_events)} switches at which other modes" in str(run) or not run.ambiguous_events
     assert counted > 5
 
 
@@ -188,7 +188,7 @@ def test_with_static_and_kinetic_friction_equal_there_is_one_choice():
     for seed in range(5):
         a, b = np.random.default_rng(seed).uniform(1, 3, 2)
         run = simulate(compose(Pair(0.8, 0.8)), 20.0, inputs={"a.force": sine(0.0, a, 0.31), "b.force": sine(0.0, b, 0.17)})
-        assert len(run.events) > 5 and run.ambiguous == []
+        assert len(run.events) > 5 and run.ambiguous_events == []
 
 
 def test_a_contact_that_sticks_is_not_torn_loose_by_one_that_comes_to_rest_where_it_can_stay():

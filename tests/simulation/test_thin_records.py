@@ -48,8 +48,8 @@ def test_a_run_that_leaves_steps_out_is_the_run_with_all_of_them(string, monkeyp
     size = np.abs(whole.states).max(axis=0)
     for found in (run, pickle.loads(pickle.dumps(run))):
         assert (np.abs(found.at(times).states - whole.at(times).states) < 1e-7 * size).all()
-        assert found.nodes.time.tobytes() == whole.time.tobytes() and found.nodes.mode.tobytes() == whole.mode.tobytes()
-        assert (np.abs(found.nodes.states - whole.states) < 1e-7 * size).all()
+        assert found.every_step.time.tobytes() == whole.time.tobytes() and found.every_step.mode.tobytes() == whole.mode.tobytes()
+        assert (np.abs(found.every_step.states - whole.states) < 1e-7 * size).all()
     assert measure.extent(run, "bit.speed").maximum == pytest.approx(measure.extent(whole, "bit.speed").maximum, rel=1e-6)
 
 
@@ -65,10 +65,10 @@ def test_a_run_that_ends_early_knows_the_steps_that_it_left_out(string, thin):
         simulate(string, 400.0, inputs=JUMPING, method=Explicit(budget=Budget(events=250)))
     run = caught.value.run
     assert run.passed.size > 0 and run.passed[-1] < run.end
-    assert run.nodes.time.size == run.time.size + run.passed.size
+    assert run.every_step.time.size == run.time.size + run.passed.size
 
 
 def test_without_many_states_every_step_is_a_node(string, monkeypatch):
     monkeypatch.setattr(thin_records, "MOST", 40_000)
     run = simulate(string, 400.0, inputs=JUMPING, method="explicit")
-    assert run.passed.size == 0 and run.nodes is run
+    assert run.passed.size == 0 and run.every_step is run

@@ -286,16 +286,16 @@ def test_the_dial_meets_what_is_asked_and_reports_the_error_that_was_made(accura
     run = simulate(RIG, 100.0, controller=DRIVE, method="time-stepping", accuracy=accuracy)
     made = run.difference(exact)
     assert made < accuracy
-    assert made / 10 < run.error < 10 * made
+    assert made / 10 < run.error_estimate < 10 * made
     given = simulate(RIG, 100.0, controller=DRIVE, method=TimeStepping(run.step))
-    assert made / 10 < given.error < 10 * made
+    assert made / 10 < given.error_estimate < 10 * made
 
 
 def test_an_accuracy_out_of_reach_is_an_error_with_the_best_run():
     with pytest.raises(AccuracyError, match="cannot meet the accuracy 1e-08: .* steps .* use method='event'") as caught:
         simulate(BELT, 100.0, method="time-stepping", accuracy=1e-8)
     best = caught.value.run
-    assert best.difference(simulate(BELT, 100.0, accuracy=1e-10)) < 10 * best.error
+    assert best.difference(simulate(BELT, 100.0, accuracy=1e-10)) < 10 * best.error_estimate
 
 
 def test_a_step_is_refused_where_it_means_nothing():

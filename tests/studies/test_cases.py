@@ -42,4 +42,4 @@ def test_the_error_that_a_run_reports_is_the_error_it_made(name, truth):
     grid, reference = truth(name)
     run = simulate(case.loop, case.duration, accuracy=1e-6)
     made = scaled_error(run.at(grid).states, reference.states)
-    assert made / 10 < run.error < max(10 * made, 1e-10)
+    assert made / 10 < run.error_estimate < max(10 * made, 1e-10)

@@ -17,8 +17,8 @@ from models import (
     BlockOnBelt,
     Coulomb,
     DiscBrake,
-    Drop,
     Exponential,
+    StepFriction,
     averaged_friction,
     oscillators,
     tangential_dither,
@@ -49,7 +49,7 @@ def test_a_dithered_load_is_its_formula():
 
 
 def test_a_swept_dither_has_the_frequency_of_its_formula():
-    law = SweptDither(load="block.load", depth=1.0, frequency=1.0, span=0.5, sweep_time=20.0)
+    law = SweptDither(load="block.load", depth=1.0, frequency=1.0, frequency_deviation=0.5, sweep_time=20.0)
     run = simulate(BLOCK, 20.0, controller=law)
     times = np.linspace(0.0, 20.0, 200_001)
     wave = run.at(times)["block.load"] - 1.0
@@ -57,8 +57,8 @@ def test_a_swept_dither_has_the_frequency_of_its_formula():
     turns = rises + 0.5 * 20.0 / (2 * np.pi) * (1 - np.cos(2 * np.pi * rises / 20.0))  # int 1 + 0.5 sin(2 pi t / 20) dt
     np.testing.assert_allclose(turns, np.round(turns), atol=2e-4)
     assert np.diff(turns).min() > 0.9 and rises.size == 19
-    with pytest.raises(SceneError, match="span"):
-        dataclasses.replace(law, span=2.0).check()
+    with pytest.raises(SceneError, match="frequency_deviation"):
+        dataclasses.replace(law, frequency_deviation=2.0).check()
 
 
 def test_a_sampled_square_dither_is_the_square_wave():
@@ -95,7 +95,7 @@ def test_a_load_phased_with_the_slip_turns_the_slope_of_friction_round_at_the_cl
     mu = 1 / 1.6
     border = 3 * mu * 0.2  # depth at size 0.2
     for ratio, side in ((0.99, 1), (1.01, -1)):
-        law = PhasedDither(load="block.load", mean=1.0, depth=ratio * border / 2, speed="block.speed", unit="m/s", size=-0.1)
+        law = PhasedDither(load="block.load", mean=1.0, depth=ratio * border / 2, speed="block.speed", unit="m/s", speed_scale=-0.1)
         run = simulate(BLOCK, 60.0, start={"block.position": mu + 1e-4}, controller=law, accuracy=1e-10)
         growth = swing(run, after=50.0) / swing(
             simulate(BLOCK, 10.0, start={"block.position": mu + 1e-4}, controller=law, accuracy=1e-10), after=0.0
@@ -112,23 +112,23 @@ def test_a_load_phased_with_the_slip_adds_the_damping_that_the_closed_form_says(
     law = Exponential(static=0.5, kinetic=0.3, decay=4.0)
     mu, fall = 0.3 + 0.2 * math.exp(-0.8), 0.8 * math.exp(-0.8)
     plant = compose(BlockOnBelt(friction=law, load=10.0, mass=2.0, stiffness=100.0, belt_speed=0.2))
-    phased = PhasedDither(load="block.load", speed="belt.slip", reference=-0.2, size=-0.5, depth=ratio * 0.5 * fall / mu)
+    phased = PhasedDither(load="block.load", speed="belt.slip", reference=-0.2, speed_scale=-0.5, depth=ratio * 0.5 * fall / mu)
     poles = np.linalg.eigvals(linearise(closed_loop(plant, phased), equilibrium(closed_loop(plant, phased))).A)
     np.testing.assert_allclose(poles.real, 10.0 * fall * (1.0 - ratio) / (2 * 2.0), atol=1e-12)
 
 
 def test_a_load_phased_with_the_slip_ends_stick_slip_and_phased_against_it_does_not():
-    with_slip = PhasedDither(load="block.load", depth=0.5, speed="block.speed", size=-0.2)
+    with_slip = PhasedDither(load="block.load", depth=0.5, speed="block.speed", speed_scale=-0.2)
     assert simulate(BLOCK, 400.0).time_in("belt", "stick", after=300.0) > 50.0
     run = simulate(BLOCK, 400.0, controller=with_slip)
     assert run.time_in("belt", "stick", after=300.0) == 0.0 and swing(run) < 1e-6
-    against = simulate(BLOCK, 400.0, controller=dataclasses.replace(with_slip, size=0.2))
+    against = simulate(BLOCK, 400.0, controller=dataclasses.replace(with_slip, speed_scale=0.2))
     assert swing(against) > 1.0
 
 
 def test_a_phased_load_that_comes_late_loses_its_hold_where_the_cosine_says():
     # N_0 (mu' + mu cos(w tau) depth / size) > 0 for cos(w tau) > 3 mu 0.2 / 0.5 = 0.75, tau < 0.115 periods (a little less: the phase stiffens the block)
-    law = PhasedDither(load="block.load", mean=1.0, depth=0.5, speed="block.speed", unit="m/s", size=-0.2)
+    law = PhasedDither(load="block.load", mean=1.0, depth=0.5, speed="block.speed", unit="m/s", speed_scale=-0.2)
     for periods, calm in ((0.05, True), (0.13, False)):
         late = Sampled(law, 0.01, delay=periods / NATURAL)
         stuck = simulate(BLOCK, 500.0, controller=late).time_in("belt", "stick", after=400.0)
@@ -179,7 +179,7 @@ def test_tangential_dither_says_what_it_cannot_do():
         with pytest.raises(SceneError, match=word):
             tangential_dither(BLOCK, "belt", slip, frequency)
     with pytest.raises(SceneError, match="without breaks"):
-        tangential_dither(compose(BlockOnBelt(friction=Drop())), "belt", 0.2, 3.0)
+        tangential_dither(compose(BlockOnBelt(friction=StepFriction())), "belt", 0.2, 3.0)
 
 
 # --- the map, and what the study claims of each rig
@@ -267,7 +267,9 @@ def test_on_the_brake_normal_dither_below_the_band_harms_and_in_it_leaves_a_thir
 
 def test_on_the_brake_a_phased_load_and_a_small_absorber_end_the_groan():
     found = row(
-        BRAKE, "phased", law=PhasedDither(load=BRAKE.load, over=BRAKE.over, depth=0.5, speed=BRAKE.speed, unit="m/s", size=-BRAKE.slip)
+        BRAKE,
+        "phased",
+        law=PhasedDither(load=BRAKE.load, over=BRAKE.over, depth=0.5, speed=BRAKE.speed, unit="m/s", speed_scale=-BRAKE.slip),
     )
     assert found.stuck == 0.0 and found.swing < 1e-3 and found.load < 1e-3
     absorber = dataclasses.replace(Absorber.tuned(Block(mass=10.0, stiffness=1e6), 0.02), attached_to="pad")

@@ -15,5 +15,5 @@ def test_the_first_mode_of_the_inclined_string_is_the_one_that_its_drives_are_tu
 
 def test_half_of_the_torque_that_turns_the_string_leaves_its_collars_stuck():
     found = views.drags()
-    assert not found["wound up, half torque"].moves and found["wound up, half torque"].sliding_front == pytest.approx(2300, abs=5)
+    assert not found["wound up, half torque"].is_moving and found["wound up, half torque"].sliding_front == pytest.approx(2300, abs=5)
     assert found["pulled"].drag > -found["lowered"].drag > 100e3  # in the build the pull presses a string on its hole that is lifted

@@ -243,7 +243,7 @@ def test_a_number_of_a_designed_law_is_changed_where_it_acts_as_in_a_sweep():
     )  # the accuracy of the runs
     best = found.best.numbers[0]
     assert found.law == dataclasses.replace(
-        closed_loop(RIG, law).designed[0], proportional=best
+        closed_loop(RIG, law).designed_controllers[0], proportional=best
     )  # a PI with the integral that was designed
     tuned = closed_loop(rig()["stiff"], found.law)
     assert tuned.number("pi.integral").value == closed_loop(RIG, law).number("pi.integral").value

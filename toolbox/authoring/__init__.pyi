@@ -20,6 +20,7 @@ from .files import Column as Column
 from .files import Result as Result
 from .files import Table as Table
 from .files import columns as columns
+from .files import html_table as html_table
 from .files import opened as opened
 from .files import read_arrays as read_arrays
 from .files import read_mat as read_mat

@@ -4,6 +4,7 @@ from toolbox.files.archives import arrays as read_arrays  # noqa: F401 (public u
 from toolbox.files.atomic import replaced as replaced
 from toolbox.files.mat import read_mat as read_mat
 from toolbox.files.printing import columns as columns
+from toolbox.files.printing import table as html_table  # noqa: F401 (public under this name)
 from toolbox.files.reading import opened as opened
 from toolbox.files.results import Result as Result
 from toolbox.files.tables import Column as Column

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.errors import SceneError, listed, suggest
+from toolbox.errors import SceneError, joined, suggest
 from toolbox.logs.cells import UNITLESS, epoch, factor, plain_number
 from toolbox.logs.dates import DAY, UNDERSTOOD, digits_of, has_clock, has_date, is_format, is_time, seconds_of
 from toolbox.logs.grids import NONE, Column, Source, named
@@ -190,7 +190,7 @@ def _small(where: str) -> str:
 
 
 def _listed(source: Source) -> str:
-    return listed(column.name for column in source.columns)
+    return joined(column.name for column in source.columns)
 
 
 def _looked_up(known: Mapping[str, Column], label: str, where: str, wanted: str) -> tuple[Column, str | None]:
@@ -252,14 +252,14 @@ def times_of(source: Source, column: Column, unit: str | None, where: str) -> tu
     if array.dtype.kind == "M":
         return np.where(np.isnat(array), np.nan, array.astype("datetime64[ns]").astype(np.int64) / 1e9), ["time: dates"]
     if array.dtype.kind in "OUS" or digits_of(unit) is not None:
-        listed = array.ravel().tolist()
-        given = [cell for cell in listed if cell is not None and cell == cell and str(cell).strip()]
+        cells = array.ravel().tolist()
+        given = [cell for cell in cells if cell is not None and cell == cell and str(cell).strip()]
         if digits_of(unit) is not None:
-            shown = [f"{cell:.10g}" if isinstance(cell, float) and cell == cell else cell for cell in listed]
+            shown = [f"{cell:.10g}" if isinstance(cell, float) and cell == cell else cell for cell in cells]
             found, words = seconds_of(shown, here, unit)
             return found, [f"time: {words}"]
         if given and np.mean([is_time(cell) for cell in given[:50]]) > 0.5:
-            found, words = seconds_of(listed, here, unit)
+            found, words = seconds_of(cells, here, unit)
             return found, [f"time: {words}"]
         if given and all(plain_number(cell, source.mark) != plain_number(cell, source.mark) for cell in given[:50]):
             raise SceneError(

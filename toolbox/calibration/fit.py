@@ -54,7 +54,7 @@ def fit(
     noise: Mapping[str, float] | None = None,
     starts: int | Search = 4,
     confidence: float = 0.95,
-    held: str | Sequence[str] | None = None,
+    zero_order_hold: str | Sequence[str] | None = None,
 ) -> Fit:
     """Estimate parameters of a machine, with confidence intervals, from measured signals.
 
@@ -99,7 +99,7 @@ def fit(
         Number of searches. Or a `Search` with seed, treatment of outliers, and accuracy of the runs.
     confidence
         Confidence level of the intervals.
-    held
+    zero_order_hold
         Names of measured inputs that keep the value of a sample until the next one (zero-order hold), such as the
         commands of a digital drive; () for none. All other inputs are interpolated linearly. By default the data
         decide: an input is held if the outputs support this with odds of at least 150 to 1.
@@ -144,7 +144,7 @@ def fit(
     called = shared(names, windows) or [names]
     make: Any = _Simulating(loop, names, search.accuracy) if on is None else _AlongLoop(loop.without_controllers, names, on)
     recording = Recording.of(data, make.plant, columns)
-    recording = recording if held is None else recording.holding(held)
+    recording = recording if zero_order_hold is None else recording.holding(zero_order_hold)
     words = sorted({*names, *itertools.chain(*called)})
     for name in ranges:
         if name not in words:

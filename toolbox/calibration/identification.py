@@ -32,6 +32,7 @@ from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.laws import names as names_of
 from toolbox.scenes.catalogue import part as offered
+from toolbox.vocabulary import new_names_only
 
 EVERY_KIND = ("clipped", "drop-out", "reversed", "outlier")
 """Flaws of samples over time, which steady points have not."""
@@ -44,27 +45,29 @@ EXPERIMENTS = {
     "kinetic": "move at steady speeds over the whole range",
     "viscous": "move at steady speeds that differ by a factor of five or more",
     "stribeck_speed": "move at slow steady speeds, from creep to three times the speed at which friction is least",
-    "offset": "move both ways, by the same path",
+    "force_offset": "move both ways, by the same path",
+    "torque_offset": "move both ways, by the same path",
     "mass": "accelerate by a measured force: steps, or a sine of the largest force",
     "inertia": "accelerate by a measured torque: steps, or a sine of the largest torque",
     "filter_time": "record steps, or the speed without its filter",
-    "load_share": "repeat the test under two loads that differ much",
+    "load_sensitivity": "repeat the test under two loads that differ much",
     "shift": "record a step of the force, which marks the clocks of both channels",
 }
 """{last word of a number: experiment that tells it}."""
 
 
+@new_names_only
 def identify(
     data: Any,
     plant: Any = "Axis",
     *,
     columns: Mapping[str, str] | None = None,
     fixed: str | Sequence[str] = (),
-    shifts: str | Sequence[str] = (),
+    delayed_signals: str | Sequence[str] = (),
     friction: Any = None,
     directions: bool = False,
-    held: str | Sequence[str] | None = None,
-    keep: Sequence[str] = (),
+    zero_order_hold: str | Sequence[str] | None = None,
+    accepted_flaws: Sequence[str] = (),
     confidence: float = 0.95,
 ) -> Identification:
     """Identify friction and mass of an axis or a joint from recordings, with confidence intervals and the friction curve.
@@ -81,7 +84,7 @@ def identify(
         A column that a recording does not have is left out. By default columns have the names of signals.
     fixed
         Names of numbers of the part that keep the value of `plant`, such as "axis.mass".
-    shifts
+    delayed_signals
         Signals with a time shift that is estimated, such as "axis.force". The estimate is the time by which the signal
         was recorded too late.
     friction
@@ -89,9 +92,9 @@ def identify(
     directions
         Whether friction is estimated separately for both directions. A constant force is then not estimated, because it
         cannot be distinguished.
-    held
+    zero_order_hold
         Inputs that keep their value between samples (zero-order hold); see `fit`.
-    keep
+    accepted_flaws
         Kinds of data flaws that are treated as valid data; see `Recording.of`.
     confidence
         Confidence level of the intervals.
@@ -114,29 +117,29 @@ def identify(
     >>> import numpy as np
     >>> from toolbox import identify
     >>> speed = np.linspace(0.05, 0.6, 12)
-    >>> found = identify({"axis.speed": speed, "axis.force": 5.0 + 35.0 * speed}, fixed="axis.offset")
+    >>> found = identify({"axis.speed": speed, "axis.force": 5.0 + 35.0 * speed}, fixed="axis.force_offset")
     >>> print(round(found["rail.friction.viscous"], 3))
     35.0
     """
     part = offered(plant)() if isinstance(plant, str) else plant
-    if not (isinstance(part, Component) and hasattr(part, "friction") and hasattr(part, "prefix")):
+    if not (isinstance(part, Component) and hasattr(part, "friction") and hasattr(part, "signal_prefix")):
         raise SceneError(f'Argument `plant` must be "Axis", "Joint" or such a part, but it is {plant!r}: for any other plant use `fit`.')
     given = list(data) if isinstance(data, (list, tuple)) else [data]
     chosen = dict(columns or {})
     changes: dict[str, Any] = {
-        name: f"{part.prefix}.{signal}" in chosen for name, signal in (("filtered", "filtered_speed"), ("loaded", "load"))
+        name: f"{part.signal_prefix}.{signal}" in chosen for name, signal in (("has_speed_filter", "filtered_speed"), ("has_load", "load"))
     }
     part = dataclasses.replace(part, **{name: there for name, there in changes.items() if there})
     system = compose(part)
-    read = [_read(each, system, part, columns, keep) for each in given]
+    read = [_read(each, system, part, columns, accepted_flaws) for each in given]
     steady = [recording for recording, is_steady in read if is_steady]
-    moving = [recording if held is None else recording.holding([name for name in names_of(held) if name in recording.signals])
+    moving = [recording if zero_order_hold is None else recording.holding([name for name in names_of(zero_order_hold) if name in recording.signals])
               for recording, is_steady in read if not is_steady]  # fmt: skip
     if steady and moving:
         raise SceneError(
             "Argument `data` must hold steady points or recordings over time, but it holds both: identify one after the other."
         )
-    work = _Steady(part, steady) if steady else _Moving(part, moving, held, shifts)
+    work = _Steady(part, steady) if steady else _Moving(part, moving, zero_order_hold, delayed_signals)
     found = work.simplest(friction, directions, names_of(fixed), confidence)
     units = {key: unit for recording, _ in read for key, unit in recording.display_units.items() if key != "s"}
     return dataclasses.replace(
@@ -159,7 +162,7 @@ def _read(data: Any, system: Any, part: Any, columns: Mapping[str, str] | None, 
     timed = "time" in there or source.index is not None or any(each in heads for each in TIMES)
     if timed:
         return read_channels((source, where, name), system, there or None if columns else None, (), keep), False
-    force, resistance = f"{part.prefix}.{part.force}", f"{part.prefix}.resistance"
+    force, resistance = f"{part.signal_prefix}.{part.force_name}", f"{part.signal_prefix}.resistance"
     label = there.pop(force, None)
     there |= {} if label is None else {resistance: label}
     for k, column in enumerate(source.columns):
@@ -199,14 +202,14 @@ class _Work:
     def simplest(self, friction: Any, directions: bool, fixed: Sequence[str], confidence: float) -> Identification:
         """The simplest law that the data do not contradict, with its curve."""
         about, part = self.guess(), self.part
-        start = {part.body: about["mass"]} if f"{part.prefix}.{part.body}" not in fixed else {}
-        if f"{part.prefix}.offset" not in fixed:
-            start["offset"] = 0.0 if directions or not self.both_ways() else about["offset"]
+        start = {part.body_field: about["mass"]} if f"{part.signal_prefix}.{part.body_field}" not in fixed else {}
+        if f"{part.signal_prefix}.{part.offset_field}" not in fixed:
+            start[part.offset_field] = 0.0 if directions or not self.both_ways() else about["offset"]
         if directions or not self.both_ways():
-            fixed = [*fixed, f"{part.prefix}.offset"]
-            self.untold[f"{part.prefix}.offset"] = (
+            fixed = [*fixed, f"{part.signal_prefix}.{part.offset_field}"]
+            self.untold[f"{part.signal_prefix}.{part.offset_field}"] = (
                 "a constant force beside friction cannot be told from friction that differs by direction; it is part of that here" if self.both_ways()
-                else f"it cannot be told from friction in motion one way; it is part of that here. To tell it, {EXPERIMENTS['offset']}."
+                else f"it cannot be told from friction in motion one way; it is part of that here. To tell it, {EXPERIMENTS[part.offset_field]}."
             )  # fmt: skip
         part = dataclasses.replace(part, **start)
         viscous, one, coulomb, stribeck, two = (
@@ -243,7 +246,7 @@ class _Work:
             word = name.rpartition(".")[2]
             if (
                 name in found.parameters
-                and word not in ("offset", "load_share")
+                and word not in ("force_offset", "torque_offset", "load_sensitivity")
                 and np.isfinite(error)
                 and found.interval_factor * error > abs(value)
             ):
@@ -265,13 +268,17 @@ class _Work:
     def _unit(self, name: str, unit: str) -> str:
         """The unit of a number of the part: its friction law is a force, and no coefficient of a load."""
         speed, force = self.part.units
-        if not name.startswith(f"{self.part.contact}.friction."):
+        if not name.startswith(f"{self.part.contact_name}.friction."):
             return unit
         return {"1": force, "s/m": drag_unit(force, speed), "s/rad": drag_unit(force, speed)}.get(unit, unit)
 
     def _asked(self, part: Any, fixed: Sequence[str]) -> list[str]:
         """Numbers of a part that are free."""
-        idle = {f"{part.prefix}.{name}" for name, used in (("load_share", part.loaded), ("filter_time", part.filtered)) if not used}
+        idle = {
+            f"{part.signal_prefix}.{name}"
+            for name, used in (("load_sensitivity", part.has_load), ("filter_time", part.has_speed_filter))
+            if not used
+        }
         system = compose(part)
         idle |= {name for name in system.parameters if name.endswith(".decay") and not float(system.values[system.parameters[name].offset])}
         return [name for name in system.parameters if name not in idle | {*fixed} and name not in system.inputs]
@@ -282,7 +289,7 @@ class _Steady(_Work):
 
     def __init__(self, part: Any, recordings: Sequence[Recording]):
         super().__init__(part)
-        prefix = part.prefix
+        prefix = part.signal_prefix
         for recording in recordings:
             for name in (f"{prefix}.speed", f"{prefix}.resistance"):
                 if name not in recording.signals:
@@ -303,7 +310,8 @@ class _Steady(_Work):
         level, slope, *offset = np.linalg.lstsq(basis, self.force, rcond=None)[0].tolist()
         size = float(np.abs(self.force).max())
         slow = float(np.quantile(np.abs(self.speed), 0.2))
-        return {"mass": getattr(self.part, self.part.body), "level": max(level, 0.1 * size), "viscous": max(slope, 0.01 * size / np.abs(self.speed).max()),
+        return {"mass": getattr(self.part, self.part.body_field), "level": max(level, 0.1 * size),
+                "viscous": max(slope, 0.01 * size / np.abs(self.speed).max()),
                 "offset": offset[0] if offset else 0.0, "speed": slow}  # fmt: skip
 
     def evidence(self, simple: Fit, rich: Fit) -> float:
@@ -313,12 +321,12 @@ class _Steady(_Work):
         return self.force.size * math.log(powers[0] / powers[1])
 
     def fitted(self, part: Any, fixed: Sequence[str], confidence: float) -> Fit:
-        body = f"{part.prefix}.{part.body}"
+        body = f"{part.signal_prefix}.{part.body_field}"
         free = [name for name in self._asked(part, fixed) if name != body]
         if body not in fixed:
-            self.untold[body] = f"steady speeds do not depend on it. To tell it, {EXPERIMENTS[part.body]}."
+            self.untold[body] = f"steady speeds do not depend on it. To tell it, {EXPERIMENTS[part.body_field]}."
         data = {"time": np.arange(self.speed.size, dtype=float), **self.data}
-        recording = Recording.of(data, compose(part), keep=EVERY_KIND)
+        recording = Recording.of(data, compose(part), accepted_flaws=EVERY_KIND)
         still = 0.5 * float(np.abs(self.speed[self.speed != 0.0]).min())
         return _told(
             part,
@@ -326,14 +334,14 @@ class _Steady(_Work):
             free,
             self.untold,
             lambda _: False,
-            contact=MeasuredContact(part.contact, standstill_speed=still),
+            contact=MeasuredContact(part.contact_name, standstill_speed=still),
             starts=Search(8),
             confidence=confidence,
         )
 
     def points(self, found: Fit) -> np.ndarray:
-        offset = found.misfit.loop.assembly.plant.with_parameters(found.parameters).parts[0].offset
-        return np.stack([self.speed, self.force - float(offset)])
+        fitted = found.misfit.loop.assembly.plant.with_parameters(found.parameters).parts[0]
+        return np.stack([self.speed, self.force - float(getattr(fitted, fitted.offset_field))])
 
 
 class _Moving(_Work):
@@ -350,15 +358,15 @@ class _Moving(_Work):
         return any((run.speed > 0.1 * top).any() for run in self.runs) and any((run.speed < -0.1 * top).any() for run in self.runs)
 
     def guess(self) -> dict[str, float]:
-        return first_guess(self.runs, getattr(self.part, self.part.body), self.both_ways())
+        return first_guess(self.runs, getattr(self.part, self.part.body_field), self.both_ways())
 
     def fitted(self, part: Any, fixed: Sequence[str], confidence: float) -> Fit:
-        free, body = self._asked(part, fixed), f"{part.prefix}.{part.body}"
+        free, body = self._asked(part, fixed), f"{part.signal_prefix}.{part.body_field}"
         if body in free and not any(run.driven for run in self.runs):
             free.remove(body)
             self.untold[body] = (
-                f"without a measured force only friction over {part.body} is told, so it stays at {getattr(part, part.body):g}. "
-                f"To tell it, {EXPERIMENTS[part.body]}."
+                f"without a measured force only friction over {part.body_field} is told, so it stays at {getattr(part, part.body_field):g}. "
+                f"To tell it, {EXPERIMENTS[part.body_field]}."
             )
         windows = [
             Window(begin, begin + run.span, own=list(run.starts), start=run.starts)
@@ -374,12 +382,12 @@ class _Moving(_Work):
             window=windows,
             starts=Search(1),
             confidence=confidence,
-            held=self.held,
+            zero_order_hold=self.held,
         )
 
     def _rests(self, values: Mapping[str, float]) -> bool:
         """Whether no measured force would move the body as it moved, both ways or one: a search finds no slope that leads back from there."""
-        offset = values.get(f"{self.part.prefix}.offset", 0.0)
+        offset = values.get(f"{self.part.signal_prefix}.{self.part.offset_field}", 0.0)
         bounds = [value for name, value in values.items() if name.endswith(".static")]
         forces = [run.force - offset for run in self.runs if run.driven]
         if not (bounds and forces):
@@ -389,7 +397,7 @@ class _Moving(_Work):
 
     def points(self, found: Fit) -> np.ndarray:
         fitted = found.misfit.loop.assembly.plant.with_parameters(found.parameters).parts[0]
-        return friction_points(self.runs, float(getattr(fitted, fitted.body)), float(fitted.offset))
+        return friction_points(self.runs, float(getattr(fitted, fitted.body_field)), float(getattr(fitted, fitted.offset_field)))
 
 
 def _released(part: Any, found: Fit, silent: Sequence[str]) -> Any:
@@ -453,7 +461,10 @@ def _told(
                 continue
             plain = [name.partition("[")[0] for name in error.names if name.partition("[")[0] in free]
             order = [
-                name for word in ("offset", "static", "stribeck_speed", "viscous", "shift") for name in plain if name.endswith(f".{word}")
+                name
+                for word in ("force_offset", "torque_offset", "static", "stribeck_speed", "viscous", "shift")
+                for name in plain
+                if name.endswith(f".{word}")
             ]
             lost = plain if error.mute else (order or plain)[:1]
             if not lost or len(lost) == len(free):

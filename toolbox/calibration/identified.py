@@ -20,58 +20,32 @@ POINTS = 60
 
 @dataclass(frozen=True)
 class Identification(Fit):
-    """Numbers that recordings tell, and those that they do not: a `Fit` with its friction curve; `print(found)`, `found.plot()`, `found.plot_residuals()`.
+    """Friction and mass that recordings determine, and the numbers that they do not determine: a `Fit` with its friction curve.
+
+    `print(found)`, `found.plot()` and `found.plot_residuals()` show it.
 
     Attributes
     ----------
-    names, units, values, standard_errors
-        The estimates and their standard deviations, shapes (k,).
-    covariance
-        Covariance of the estimates, shape (k, k).
-    confidence, interval_factor
-        Confidence level, and the factor of the intervals: estimate +- factor * error.
-    residuals
-        One entry per measured output.
-    condition_number
-        Condition number of the scaled Jacobian.
-    at_bounds
-        Names that ended at a bound, or at another number.
-    agreeing_starts, starts
-        How many of the searches ended at this optimum, and how many there were.
-    data_description
-        What was fitted, in words.
-    exact_derivatives
-        Whether slopes of the model are exact.
-    panels
-        What was measured beside the fitted model, a `Panel` for each signal.
-    misfit
-        The model and the data; None in a result that was loaded, which has no loop and no plant.
-    fixed_by
-        Why a name cannot go on to its optimum, {name: reason}, for those that rest on another number.
-    unidentifiable
-        Names without influence where others rest, which therefore have no estimate.
-    sampling_errors
-        Estimated error of each number because measured inputs are known at their samples only, shape (k,).
+    names, units, values, standard_errors, covariance, confidence, interval_factor
+        Estimates, their standard errors and covariance, as for `Fit`.
+    residuals, panels, misfit, data_description, outliers, initial_mismatch, held
+        Data, and their deviation from the model, as for `Fit`.
+    condition_number, at_bounds, fixed_by, unidentifiable, indistinguishable_friction, sampling_errors
+        Quality of the estimates, as for `Fit`.
+    agreeing_starts, starts, exact_derivatives
+        Quality of the search, as for `Fit`.
     display_units
-        {unit: unit that was typed}: the units in which report and figure answer.
-    outliers
-        {signal: where its samples break the law and were left out, one after the other of all windows, shape (n,)}.
-    initial_mismatch
-        {signal: how far from the model its first samples are}, where the simulation begins elsewhere than the machine did.
-    held
-        {measured input that is held between its samples: by how much the log-likelihood is greater than with straight lines}; infinite if it was declared.
-    indistinguishable_friction
-        The law whose static friction the data cannot tell from the kinetic one, such as "bit.friction."; empty where they can.
+        {SI unit: unit that was typed}: the units of report and figure.
     untold
-        {number that the data do not tell: why, and which experiment would}.
+        {number that the data do not determine: the reason, and the experiment that would determine it}.
     points
         Friction in the data: speed and force, shape (2, points).
     curve
-        Friction of the law: speed, force and both ends of its interval, shape (4, points).
+        Friction of the fitted law: speed, force and both ends of its confidence interval, shape (4, points).
     curve_units
-        Units of speed and force of both.
+        Units of speed and force of `points` and `curve`.
     recordings
-        The recordings that were read, in words.
+        Description of the recordings.
     """
 
     untold: Mapping[str, str] = field(default_factory=dict)
@@ -87,13 +61,13 @@ class Identification(Fit):
         return [*lines, "", *self.recordings]
 
     def plot(self) -> Any:
-        """Draw friction against speed: the points of the data, the law, and its interval. Returns the axes."""
+        """Draw friction over speed: the points of the data, the friction law, and its confidence interval. Return the axes."""
         from toolbox.calibration.figures import friction_curve  # here, because matplotlib is slow to import
 
         return friction_curve(self)
 
     def plot_residuals(self) -> Any:
-        """Draw what was measured against the model, and the residuals: each run over its own time. Returns the axes."""
+        """Draw measurement and model, and the residuals, each run over its own time. Return the axes."""
         return Fit.plot(dataclasses.replace(self, panels=tuple(_from_zero(panel) for panel in self.panels)))
 
 

@@ -61,8 +61,8 @@ def runs_of(recording: Recording, part: Any) -> list[Run]:
 
     Raises SceneError where neither speed nor position was measured.
     """
-    place, speed, force = (f"{part.prefix}.{name}" for name in (part.place, "speed", part.force))
-    filtered = f"{part.prefix}.filtered_speed"
+    place, speed, force = (f"{part.signal_prefix}.{name}" for name in (part.position_name, "speed", part.force_name))
+    filtered = f"{part.signal_prefix}.filtered_speed"
     seen = next((name for name in (place, speed, filtered) if name in recording.signals), None)
     if seen is None:
         raise SceneError(f"The data must hold `{place}` or `{speed}`, but they hold {', '.join(recording.signals)}.")
@@ -84,7 +84,7 @@ def runs_of(recording: Recording, part: Any) -> list[Run]:
         if place in own.signals:
             starts[place] = float(np.polynomial.polynomial.polyfit(time[:9] - time[0], own.signals[place][good][:9], 2)[0])
         starts[speed] = 0.0 if rests else float(v[0])
-        if part.filtered:
+        if part.has_speed_filter:
             starts[filtered] = float(values[0])
         drive = np.interp(even, time, own.signals[force][good]) if driven else np.zeros(even.size)
         found.append(Run(own, even, v, a, drive, driven, starts))
@@ -95,7 +95,7 @@ def runs_of(recording: Recording, part: Any) -> list[Run]:
 
 def together(runs: Sequence[Run], part: Any) -> tuple[Recording, list[float]]:
     """One recording of all runs behind each other, and the time at which each begins; an input that was not measured in some is its default there."""
-    inputs = {f"{part.prefix}.{part.force}", f"{part.prefix}.load"}
+    inputs = {f"{part.signal_prefix}.{part.force_name}", f"{part.signal_prefix}.load"}
     names = list(dict.fromkeys(name for run in runs for name in run.recording.signals))
     apart = 100.0 * max(run.span for run in runs)
     begins, end = [], 0.0

@@ -24,30 +24,32 @@ from toolbox.modelling.laws import names as names_of
 
 @dataclass(frozen=True)
 class Recording(Result):
-    """Signals of a machine at measured times: `print(recording)` lists flaws, `recording.plot()` draws the signals, `recording.save("log.npz")`
-    saves them.
+    """Signals of a machine at measured times.
+
+    `print(recording)` lists flaws, `recording.plot()` draws the signals, and `recording.save("log.npz")` writes them.
 
     Attributes
     ----------
     time
         Increasing times [s] from 0, shape (nt,).
     signals
-        {name in the plant: values in its SI unit, shape (nt,)}; nan where a sample is no data.
+        {name in the plant: values in its SI unit, shape (nt,)}. nan if a sample is no data.
     source
-        Where they come from.
+        Origin of the signals.
     units
         {name: unit}.
     flaws
-        What was found to be wrong, and left out.
+        Flaws that were found and left out.
     notes
-        How the log was read, in words.
+        Description of how the log was read.
     begin
         Time [s] in the whole recording at which this part of it begins.
     held
-        Inputs that keep the value of a sample until the next one (zero-order hold), as the commands of a digital drive do; all others are straight lines
-        between samples. None: not declared, so that `fit` finds out.
+        Inputs that keep the value of a sample until the next one (zero-order hold), such as the commands of a digital
+        drive. All other signals are interpolated linearly. None: not declared, so that `fit` estimates which inputs are
+        held.
     display_units
-        {SI unit: unit of the log}, for those who want to answer in the units of the log.
+        {SI unit: unit of the log}, for results in the units of the log.
 
     Examples
     --------
@@ -88,42 +90,57 @@ class Recording(Result):
         columns: Mapping[str, str] | None = None,
         *,
         nulls: Sequence[float] = (),
-        keep: Sequence[str] = (),
+        accepted_flaws: Sequence[str] = (),
         decimal: str | None = None,
-        held: str | Sequence[str] | None = None,
+        zero_order_hold: str | Sequence[str] | None = None,
     ) -> Recording:
         """Read a recording from a file, a table of pandas, a mapping {name: values} or a run.
 
-        Text (parted by commas, semicolons, tabulators or spaces) is read as it comes: decimal commas, thousands, lines above the headings, units in brackets
-        or in a line of their own, dates and epochs. WITSML logs, TOML tables and MAT files are read, too, and with the extra `data` sheets (xlsx), parquet, LAS
-        and MAT 7.3. Times are shifted to begin at 0. Samples that are no data are marked, told, and never bridged.
+        Formats:
+
+        - Text, separated by commas, semicolons, tabulators or spaces, is read in any form: decimal commas, thousands
+          separators, lines above the headings, units in brackets or in their own line, dates and epochs.
+        - WITSML logs, TOML tables and MAT files.
+        - With the extra `data` also spreadsheets (xlsx), parquet, LAS and MAT 7.3.
+
+        Times are shifted to begin at 0. Samples that are no data are marked and reported, and never interpolated.
 
         Parameters
         ----------
         data
             Path of the file, the table, the mapping, or the run.
         plant
-            The plant whose signals are meant.
+            The plant to which the signals belong.
         columns
-            {signal of the plant, or "time": what it is called in the data}; without it the data use the names of the plant. A unit that the data do not name
-            is given there: {"bit.speed": "rpm_bit [rpm]"}, and so is a format of dates: {"time": "Time [DD/MM/YYYY]"}, {"time": "Time [HHMMSS]"}. In a MAT
-            file, a mapping, a table of pandas or a run numbers without a unit are SI. Columns that it does not name are not read.
+            {signal of the plant, or "time": name in the data}. By default the data use the names of the plant. Columns
+            that the mapping does not name are not read.
+
+            If the data give no unit, add it: {"bit.speed": "rpm_bit [rpm]"}. Add a format of dates in the same way:
+            {"time": "Time [DD/MM/YYYY]"}, {"time": "Time [HHMMSS]"}. In a MAT file, a mapping, a table of pandas or a
+            run, numbers without a unit are SI.
         nulls
-            Further numbers that mean that there is no value, in the unit of the log.
-        keep
-            Kinds of flaws that are data here, such as "clipped" for a drive at its limit: null, clipped, drop-out, reversed, outlier.
+            Further numbers that mean "no value", in the unit of the log.
+        accepted_flaws
+            Kinds of flaws that are valid data here, such as "clipped" for a drive at its limit: null, clipped,
+            drop-out, reversed, outlier.
         decimal
-            "," or ".", where the log does not say it.
-        held
-            Inputs that keep the value of a sample until the next one, such as the commands of a digital drive; () for none. If it is left out, `fit` finds
-            out which are.
+            Decimal separator "," or ".", if the log is ambiguous.
+        zero_order_hold
+            Inputs that keep the value of a sample until the next one, such as the commands of a digital drive; () for
+            none. By default `fit` estimates which inputs are held.
+
+        Returns
+        -------
+        Recording
+            The recording.
 
         Raises
         ------
         SceneError
-            If the file cannot be read, a column is unknown or missing, a unit is missing or does not fit, or there are fewer than three samples.
+            If the file cannot be read, a column is unknown or missing, a unit is missing or does not fit, or there are
+            fewer than three samples.
         ImportError
-            If the library of a format is not there; the message names the extra.
+            If the library of a format is missing; the message names the extra.
         """
         if isinstance(data, Recording):
             return data
@@ -133,12 +150,12 @@ class Recording(Result):
         for name in columns or {}:
             if name != "time":
                 scalar_unit(plant, name)
-        if unknown := [kind for kind in keep if kind not in KINDS]:
-            raise SceneError(f"Argument `keep` must hold kinds of flaws, but it has `{unknown[0]}`: {suggest(unknown[0], KINDS)}")
+        if unknown := [kind for kind in accepted_flaws if kind not in KINDS]:
+            raise SceneError(f"Argument `accepted_flaws` must hold kinds of flaws, but it has `{unknown[0]}`: {suggest(unknown[0], KINDS)}")
         if decimal not in (None, ",", "."):
             raise SceneError(f'Argument `decimal` must be "," or ".", but it is {decimal!r}.')
-        read = read_channels(source_of(data, plant, columns, decimal), plant, columns, tuple(map(float, nulls)), keep)
-        return read if held is None else read.holding(held)
+        read = read_channels(source_of(data, plant, columns, decimal), plant, columns, tuple(map(float, nulls)), accepted_flaws)
+        return read if zero_order_hold is None else read.holding(zero_order_hold)
 
     def holding(self, inputs: str | Sequence[str]) -> Recording:
         """Return the recording with these inputs, and no others, held between samples (zero-order hold).
@@ -148,7 +165,7 @@ class Recording(Result):
         return replace(self, held=tuple(self._known(name) for name in names_of(inputs)))
 
     def between(self, begin: NumberOrText, end: NumberOrText) -> Recording:
-        """The samples between two times [s], whose clock then begins at 0."""
+        """Return the samples between two times [s]. The time of the result begins at 0."""
         begin, end = number("begin", begin, "s"), number("end", end, "s")
         inside = (self.time >= begin) & (self.time <= end)
         if inside.sum() < 3:
@@ -163,14 +180,14 @@ class Recording(Result):
         return replace(self, time=self.time[inside] - first, signals=signals, flaws=tuple(flaws), begin=self.begin + float(first))
 
     def windows(self, names: Sequence[str] | None = None, max_gap: int = 2) -> list[tuple[float, float]]:
-        """Stretches (begin, end) [s] in which the named signals, by default all, have no gap.
+        """Return the time ranges (begin, end) [s] in which the named signals have no gap.
 
         Parameters
         ----------
         names
-            The signals.
+            The signals. By default all.
         max_gap
-            Samples that may be missing in a row.
+            Number of consecutive samples that may be missing.
         """
         usual, longest = local_spacing(self.time)
         good = np.all([np.isfinite(self.signals[self._known(name)]) for name in (self.signals if names is None else names)], axis=0)
@@ -208,10 +225,7 @@ class Recording(Result):
         }
 
     def unbroken(self, names: Sequence[str], what: str, max_gap: int = 2, remedy: str = "") -> None:
-        """Raise SceneError if the named signals have a gap. The message names the windows without a gap, in times of the whole recording.
-
-        what: the signals are, in words;  remedy: beside a choice among these windows.
-        """
+        """Raise SceneError if the named signals have a gap. The message names the windows without a gap, in times of the whole recording."""
         stretches = self.windows(names, max_gap)
         if len(stretches) != 1:
             found = ", ".join(f"{self.begin + begin:.6g} .. {self.begin + end:.6g} s" for begin, end in stretches[:8])
@@ -223,12 +237,12 @@ class Recording(Result):
 
     @property
     def interval(self) -> float:
-        """Usual time between samples [s]."""
+        """Typical time between samples [s]."""
         return spacing(self.time)[0]
 
     @property
     def gap(self) -> float:
-        """Time between neighbouring samples [s] that counts as a gap, from the spacing of the whole recording."""
+        """Time between neighbouring samples that counts as a gap [s], derived from the spacing of the whole recording."""
         return spacing(self.time)[1]
 
     @property
@@ -237,7 +251,10 @@ class Recording(Result):
         return np.diff(self.time) > local_spacing(self.time)[1]
 
     def resampled(self, interval: NumberOrText) -> Recording:
-        """The recording at even times: means of the samples around each where they are denser, else on the line between neighbours, and nan inside of gaps.
+        """Return the recording at equidistant times.
+
+        Each value is the mean of the samples around it if they are denser than the new times, else the linear
+        interpolation between neighbours. Inside gaps it is nan.
 
         Parameters
         ----------
@@ -261,10 +278,11 @@ class Recording(Result):
         return replace(self, time=times, signals=signals, notes=(*self.notes, f"resampled every {interval:g} s"))
 
     def shift(self, name: str, against: str, max_lag: NumberOrText = 5.0) -> float:
-        """Return the delay [s] of one channel relative to another: the shift with the highest correlation of their changes, between samples
-        by a parabola.
+        """Return the delay of one channel relative to another [s].
 
-        It is the shift of a clock where both channels follow the same thing; between a cause and its effect it holds the delay of the machine, too.
+        It is the shift with the highest correlation of the changes of both channels, interpolated between samples by a
+        parabola. If both channels follow the same quantity, it is the shift of the clock. Between a cause and its
+        effect it also contains the delay of the machine.
 
         Parameters
         ----------
@@ -276,7 +294,7 @@ class Recording(Result):
         Raises
         ------
         SceneError
-            If the channels change too little together to tell.
+            If the channels have too few changes in common.
         """
         max_lag = number("max_lag", max_lag, "s", above=0)
         step = self.interval
@@ -302,7 +320,9 @@ class Recording(Result):
         return float(step * (lags[best] + (0.5 * (left - right) / bend if bend else 0.0)))
 
     def shifted(self, shifts: Mapping[str, NumberOrText]) -> Recording:
-        """Return the recording with channels moved earlier by their shifts {name: s}, on the same times; nan at times without a measurement."""
+        """Return the recording with channels moved to earlier times by their shifts {name: s}. The times stay, and values are nan if there is no
+        measurement.
+        """
         signals = dict(self.signals)
         for name, value in shifts.items():
             seconds = number(f"shifts.{name}", value, "s")
@@ -339,8 +359,8 @@ class Recording(Result):
         asked = [kind for kind in KINDS if kind in kinds]
         if not asked:
             return ""
-        options = " ".join(f"--keep {kind}" for kind in asked)
-        return f"samples that were left out are kept, where they are data, by {options} (in Python Recording.of(..., keep={asked!r}))"
+        options = " ".join(f"--accept-flaw {kind}" for kind in asked)
+        return f"samples that were left out are kept, where they are data, by {options} (in Python Recording.of(..., accepted_flaws={asked!r}))"
 
     def _told(self, channel: str) -> str:
         words = []
@@ -351,7 +371,7 @@ class Recording(Result):
         return ", ".join(words)
 
     def found(self, channel: str) -> dict[str, int]:
-        """{kind of flaw: how many samples} of a channel, or of "time"."""
+        """Return {kind of flaw: number of samples} of a channel, or of "time"."""
         return {flaw.kind: flaw.count for flaw in self.flaws if flaw.channel == channel}
 
     def plot(self) -> Any:

@@ -203,7 +203,7 @@ class Simulated(Misfit):
         found = {name: np.array(run[name])[np.searchsorted(run.time, sampled[name])] for name in self.outputs}
         if not switches.size:
             return found
-        nodes = run.nodes
+        nodes = run.every_step
         for name, value in found.items():
             time, along, measured = sampled[name], nodes[name], self.measured[name]
             gap = np.diff(time)
@@ -270,7 +270,7 @@ class Simulated(Misfit):
 
     def _rate(self, values: np.ndarray, name: str) -> np.ndarray:
         """Rate of an output at its samples, by differences within a tenth of the time between them."""
-        nodes, times, end = self.run(values).nodes, self._times(values)[name], float(self.recording.time[-1])
+        nodes, times, end = self.run(values).every_step, self._times(values)[name], float(self.recording.time[-1])
         h = 0.05 * self.recording.interval
         back, ahead = np.maximum(times - h, 0.0), np.minimum(times + h, end)
         rate: np.ndarray = (nodes.at(ahead)[name] - nodes.at(back)[name]) / (ahead - back)

@@ -27,11 +27,11 @@ class Fit(Told, Result):
     Attributes
     ----------
     names, units, values, standard_errors
-        The estimates and their standard deviations, shapes (k,).
+        The estimates and their standard errors, shapes (k,).
     covariance
         Covariance of the estimates, shape (k, k).
     confidence, interval_factor
-        Confidence level, and the factor of the intervals: estimate +- factor * error.
+        Confidence level, and the factor of the intervals: estimate +- factor * standard error.
     residuals
         One entry per measured output.
     condition_number
@@ -39,31 +39,34 @@ class Fit(Told, Result):
     at_bounds
         Names that ended at a bound, or at another number.
     agreeing_starts, starts
-        How many of the searches ended at this optimum, and how many there were.
+        Number of searches that ended at this optimum, and number of all searches.
     data_description
-        What was fitted, in words.
+        Description of the data.
     exact_derivatives
-        Whether slopes of the model are exact.
+        Whether the derivatives of the model are exact.
     panels
-        What was measured beside the fitted model, a `Panel` for each signal.
+        Measured and fitted values, a `Panel` for each signal.
     misfit
-        The model and the data; None in a result that was loaded, which has no loop and no plant.
+        The model and the data. None after loading, because a file holds no loop and no plant.
     fixed_by
-        Why a name cannot go on to its optimum, {name: reason}, for those that rest on another number.
+        {name: reason} for names that cannot reach their optimum, because another number limits them.
     unidentifiable
-        Names without influence where others rest, which therefore have no estimate.
+        Names that have no influence while others are at a limit. They have no estimate.
     sampling_errors
-        Estimated error of each number because measured inputs are known at their samples only, shape (k,).
+        Estimated error of each number due to the sampling of measured inputs, shape (k,).
     display_units
-        {unit: unit that was typed}: the units in which report and figure answer.
+        {SI unit: unit that was typed}: the units of report and figure.
     outliers
-        {signal: where its samples break the law and were left out, one after the other of all windows, shape (n,)}.
+        {signal: whether each sample is an outlier and was left out, shape (n,), for all windows in order}.
     initial_mismatch
-        {signal: how far from the model its first samples are}, where the simulation begins elsewhere than the machine did.
+        {signal: deviation of its first samples from the model}, if the simulation begins at another state than the
+        machine.
     held
-        {measured input that is held between its samples: by how much the log-likelihood is greater than with straight lines}; infinite if it was declared.
+        {measured input with zero-order hold: increase of the log-likelihood over linear interpolation}. Infinite if it
+        was declared.
     indistinguishable_friction
-        The law whose static friction the data cannot tell from the kinetic one, such as "bit.friction."; empty where they can.
+        The friction law whose static and kinetic friction the data cannot distinguish, such as "bit.friction.". Empty
+        if they can.
     """
 
     names: tuple[str, ...]
@@ -101,14 +104,14 @@ class Fit(Told, Result):
         return self.names.index(name)
 
     def interval(self, name: str) -> tuple[float, float]:
-        """(low, high) of the confidence interval of an estimate."""
+        """Return the ends (low, high) of the confidence interval of an estimate."""
         i = self._place(name)
         half = self.interval_factor * self.standard_errors[i]
         return float(self.values[i] - half), float(self.values[i] + half)
 
     @property
     def correlation(self) -> FloatArray:
-        """Correlation of the estimates, shape (k, k)."""
+        """Correlation matrix of the estimates, shape (k, k)."""
         size = np.sqrt(np.diag(self.covariance))
         known = np.isfinite(size) & (size > 0.0)
         size[~known] = 1.0
@@ -116,7 +119,7 @@ class Fit(Told, Result):
 
     @property
     def parameters(self) -> dict[str, float]:
-        """{name: estimate} of the estimated parameters of the plant."""
+        """Estimated parameters of the plant as {name: estimate}."""
         loop = self._machine.loop
         taken = [each.name for each in self.misfit.numbers if each.is_parameter or (each.is_input and each.name not in loop.inputs)]
         return {name: self[name] for name in taken if loop.plant.has_parameter(name)}
@@ -142,7 +145,7 @@ class Fit(Told, Result):
 
     @property
     def white(self) -> bool:
-        """Whether no residual has structure at the level 0.05."""
+        """Whether all residuals are without structure at the significance level 0.05."""
         return all(residual.whiteness >= 0.05 for residual in self.residuals)
 
     def _told(self) -> list[str | Rows]:
@@ -184,7 +187,7 @@ class Fit(Told, Result):
             why = (
                 "as declared"
                 if gain == np.inf
-                else f"as the data say (log-likelihood {gain:+.3g}; `held=()`, or --held none, draws straight lines)"
+                else f"as the data say (log-likelihood {gain:+.3g}; `zero_order_hold=()`, or --zero-order-hold none, draws straight lines)"
             )
             lines.append(f"  {name} is held between its samples, {why}")
         if len(self.names) > 1:
@@ -228,7 +231,7 @@ class Fit(Told, Result):
         return headings, [[name, *rest, *self.interval(name)] for name, *rest in estimates]
 
     def plot(self) -> Any:
-        """Draw what was measured against the model: traces, residuals, and the friction loop. Returns the axes."""
+        """Draw measurement and model: time series, residuals, and the friction loop. Return the axes."""
         from toolbox.calibration.figures import fitted  # here, because matplotlib is slow to import
 
         return fitted(self.panels, self.display_units)

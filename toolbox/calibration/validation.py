@@ -26,15 +26,16 @@ class Validation(Result):
     Attributes
     ----------
     residuals
-        Deviation of each signal, simulated less measured, one after another.
+        Deviation of each signal, simulation minus measurement, in order.
     panels
-        What was measured beside what is simulated, a `Panel` for each signal and window.
+        Measured and simulated values, a `Panel` for each signal and window.
     data_description
-        What was compared, in words.
+        Description of the data.
     display_units
-        {unit: unit that was typed}: the units in which report and figure answer.
+        {SI unit: unit that was typed}: the units of report and figure.
     initial_mismatch
-        {signal: how far from the simulation its first samples are}, where that begins elsewhere than the machine did.
+        {signal: deviation of its first samples from the simulation}, if the simulation begins at another state than the
+        machine.
     """
 
     residuals: tuple[Residual, ...]

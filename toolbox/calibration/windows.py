@@ -21,17 +21,18 @@ from toolbox.vocabulary import Renamed
 
 @dataclass(frozen=True)
 class Window:
-    """A part of a log, and which of the free numbers are its own.
+    """Part of a log, with free numbers that have their own values there.
 
     Attributes
     ----------
     begin, end
         Times of the log [s].
     own
-        Names of free numbers that have a value of their own here, such as the weight on bit of a stand or a start value. Those of the second window are called
-        `bit.weight[2]` in the fit; numbers that no window owns are common to all.
+        Names of free numbers with their own value in this window, such as the weight on bit of a stand, or a start
+        value. In the fit, the number of the second window is called `bit.weight[2]`. All other numbers are common to
+        all windows.
     start
-        {free number that is its own: value at which the search begins here}, in SI; by default the value in the loop.
+        {own free number: value at which the search begins}, in SI. By default the value in the loop.
 
     Examples
     --------
@@ -56,16 +57,17 @@ class Window:
 
 @dataclass(frozen=True)
 class Search:
-    """How a fit looks for its optimum.
+    """Settings of the search of a fit.
 
     Attributes
     ----------
     starts, seed
-        Number of searches, and seed of their starts: the first begins at the declared values, the others between the bounds, or between half and twice the
-        value.
+        Number of searches, and seed of their starts. The first search begins at the declared values. The others begin
+        at random values between the bounds, or between half and twice the declared value.
     robust
-        Samples that are farther from the fitted model than so many deviations (by the median, which they do not move) are left out and told, as long as
-        they are at most a twentieth of a signal: a few with the wrong sign would move an estimate by many of its intervals. None keeps all.
+        Limit for outliers, as a multiple of the robust standard deviation (from the median). Samples beyond it are left
+        out and reported, if they are at most a twentieth of a signal. A few samples with the wrong sign would move an
+        estimate by many of its confidence intervals. None keeps all samples.
     accuracy
         Accuracy of the runs, as in `simulate`.
 

@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         from toolbox.commands import environment  # here, because `--version`, the help and the completion of a word need none of it
         from toolbox.commands.terminal import printing
         from toolbox.files.reading import noted
-        from toolbox.files.unit_systems import units
+        from toolbox.files.unit_systems import use_units
         from toolbox.files.writable import check_folder
 
         given.line = shlex.join(["stickslip", *(sys.argv[1:] if arguments is None else arguments)])
@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         with (
             sign_of_life(f"{given.parser.prog.rpartition(' ')[2]} is at work"),
             noted() as given.read,
-            nullcontext() if given.units is None else units(given.units),
+            nullcontext() if given.units is None else use_units(given.units),
         ):
             for path in given.load:
                 from toolbox.scenes.catalogue import load_parts

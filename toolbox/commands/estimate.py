@@ -36,7 +36,7 @@ def add(commands: Any) -> None:
     verb.add_argument("--torque-noise", default="20 N m", metavar="X", help="standard deviation of the measured torque ('20 N m')")
     verb.add_argument("--members", type=int, default=64, metavar="N", help="strings of the ensemble (64)")
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the random numbers (0)")
-    verb.set_defaults(action=run, spelled={"data": "LOG", "columns": "--column", "keep": "--keep", "loop": "SCENE.toml"})
+    verb.set_defaults(action=run, spelled={"data": "LOG", "columns": "--column", "accepted_flaws": "--accept-flaw", "loop": "SCENE.toml"})
 
 
 def run(given: argparse.Namespace) -> int:
@@ -53,6 +53,6 @@ def run(given: argparse.Namespace) -> int:
         "torque_noise": number("--torque-noise", plain(given.torque_noise), "N m", at_least=0),
     }
     columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
-    recording = Recording.of(given.data, loop.plant, columns or None, keep=given.keep)
+    recording = Recording.of(given.data, loop.plant, columns or None, accepted_flaws=given.accept_flaw)
     found = estimate(loop, recording, knowledge=Knowledge(**noises), members=given.members, seed=given.seed)
     return answer(given, "estimate", dataclasses.replace(found, title=scene.title), scene, "^Estimates of ", "Report, table and figure are")

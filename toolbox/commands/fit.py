@@ -77,7 +77,14 @@ def add(commands: Any) -> None:
     calibration.add_argument("--starts", type=int, default=4, metavar="N", help="searches from different values (4)")
     calibration.set_defaults(
         action=run,
-        spelled={"free": "--free", "ranges": "--range", "columns": "--column", "keep": "--keep", "held": "--held", "data": "DATA"},
+        spelled={
+            "free": "--free",
+            "ranges": "--range",
+            "columns": "--column",
+            "accepted_flaws": "--accept-flaw",
+            "zero_order_hold": "--zero-order-hold",
+            "data": "DATA",
+        },
     )
 
 
@@ -120,7 +127,7 @@ def run(given: argparse.Namespace) -> int:
         given.data,
         loop.without_controllers.system if given.contact else dataclasses.replace(loop, inputs={}).system,
         columns or None,
-        keep=given.keep,
+        accepted_flaws=given.accept_flaw,
     )
     recording = recording.shifted(shifts) if shifts else recording
     with results(given, drawn_as(FIT_FILES, given.format), earlier("fit.txt", "\nFit of ", FIT_FILES)) as folder:
@@ -132,7 +139,7 @@ def run(given: argparse.Namespace) -> int:
             window=windows or None,
             contact=given.contact,
             starts=Search(starts, robust=robust),
-            held=held_of(given),
+            zero_order_hold=held_of(given),
         )
         given.found = found
         text = f"{scene.title}\n\n{found}\n\n{recording}\n"

@@ -49,7 +49,14 @@ def add(commands: Any) -> None:
     figure_format(verb)
     verb.set_defaults(
         action=run,
-        spelled={"data": "FILE", "columns": "--column", "keep": "--keep", "held": "--held", "fixed": "--number", "shifts": "--shift"},
+        spelled={
+            "data": "FILE",
+            "columns": "--column",
+            "accepted_flaws": "--accept-flaw",
+            "zero_order_hold": "--zero-order-hold",
+            "fixed": "--number",
+            "delayed_signals": "--shift",
+        },
     )
 
 
@@ -72,11 +79,11 @@ def run(given: argparse.Namespace) -> int:
             [*given.data],
             kind(**values),
             columns=dict(pairs("--column", "SIGNAL=HEADING", given.column)) or None,
-            fixed=[f"{kind.prefix}.{name}" for name in values],
-            shifts=given.shift,
+            fixed=[f"{kind.signal_prefix}.{name}" for name in values],
+            delayed_signals=given.shift,
             directions=given.directions,
-            held=held_of(given),
-            keep=given.keep,
+            zero_order_hold=held_of(given),
+            accepted_flaws=given.accept_flaw,
         )
         given.found = found
         if folder is not None:

@@ -95,7 +95,7 @@ def run(given: argparse.Namespace) -> int:
                     continue
                 try:
                     loop = loops[label] if at is None else loops[label].at(parameter, at)
-                    onsets[label] = onset(loop, parameter, (low, high), values=given.values, tolerance=tolerance)
+                    onsets[label] = onset(loop, parameter, (low, high), num_values=given.values, tolerance=tolerance)
                 except (SceneError, SimulationError) as error:
                     failures[label] = error
         check_some(failures, labels)
@@ -127,7 +127,7 @@ def _uncertain(
         raise SceneError(
             "Argument `--at` must not be given with `--uncertainty` or `--posterior`, because the margin of draws is not told."
         )
-    found = uncertain_onset(loops, parameter, bounds, uncertain_of(given), draws=given.draws, values=given.values, tolerance=tolerance)
+    found = uncertain_onset(loops, parameter, bounds, uncertain_of(given), draws=given.draws, num_values=given.values, tolerance=tolerance)
     unit = loops[next(iter(loops))].number(parameter).unit
     typed = numbers("--range", ranges("--range", [given.range])[parameter], unit)
     asked = {unit: shown} if (shown := asked_in(typed, "")) else {}

@@ -85,7 +85,7 @@ def add(commands: Any) -> None:
             "priors": "--prior",
             "data": "--measured",
             "columns": "--column",
-            "keep": "--keep",
+            "accepted_flaws": "--accept-flaw",
             "compare": "--compare",
             "length": "--mean",
         },
@@ -143,7 +143,7 @@ def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[ClosedLoop, 
     from toolbox.probability.posteriors import from_recording
 
     columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
-    recording = Recording.of(given.data, dataclasses.replace(loop, inputs={}).system, columns or None, keep=given.keep)
+    recording = Recording.of(given.data, dataclasses.replace(loop, inputs={}).system, columns or None, accepted_flaws=given.accept_flaw)
     if given.window is not None:
         recording = recording.between(*span("--window", given.window))
     show(str(recording))

@@ -73,7 +73,7 @@ def run(given: argparse.Namespace) -> int:
                 given.failures[label] = str(failure)
             else:
                 try:
-                    found.error  # noqa: B018  measured here, so that the report has it
+                    found.error_estimate  # noqa: B018  measured here, so that the report has it
                 except SimulationError as failure:  # the run to compare with may fail alone
                     complaint = f"its error could not be measured: {failure}"
             given.found["runs"][label] = {"failed": complaint} if found is None else {"failed": complaint, **_numbers(found)}
@@ -135,7 +135,7 @@ def _numbers(run: Any) -> dict[str, Any]:
         "end": run.end,
         "steps": run.steps[0],
         "events": len(run.events),
-        "error": run.__dict__.get("error"),
+        "error": run.__dict__.get("error_estimate"),
         "signals": {name: {"lowest": v.min(), "highest": v.max(), "last": v[-1]} for name, v in values.items() if v.ndim == 1 and v.size},
     }
 

@@ -187,7 +187,7 @@ def _rows(path: Path, scene: Any, label: str) -> Variations:
     from toolbox.files.tables import Column, read
     from toolbox.sweeps import designs
 
-    known = scene[label].numbers().values()
+    known = scene[label].variable_numbers().values()
     return designs.listed(read(path, [Column(number.name, number.unit, required=False) for number in known]))
 
 

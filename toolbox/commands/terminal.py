@@ -56,7 +56,7 @@ def figure_format(parser: argparse.ArgumentParser) -> None:
 
 
 def log_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments `--column` and `--keep` of a command that reads a log."""
+    """Declare the arguments `--column` and `--accept-flaw` of a command that reads a log."""
     parser.add_argument(
         "--column",
         metavar="SIGNAL=HEADING",
@@ -66,7 +66,7 @@ def log_arguments(parser: argparse.ArgumentParser) -> None:
         "repeated",
     )
     parser.add_argument(
-        "--keep",
+        "--accept-flaw",
         metavar="KIND",
         action="append",
         default=[],
@@ -75,9 +75,9 @@ def log_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def hold_argument(parser: argparse.ArgumentParser) -> None:
-    """Declare the argument `--held` of a command that fits to a log."""
+    """Declare the argument `--zero-order-hold` of a command that fits to a log."""
     parser.add_argument(
-        "--held",
+        "--zero-order-hold",
         metavar="SIGNAL",
         action="append",
         help="a measured input that keeps each value until the next sample, as the commands of a drive do, or none; by default the data say which; "
@@ -86,8 +86,8 @@ def hold_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def held_of(given: argparse.Namespace) -> list[str] | None:
-    """Return the inputs of `--held`: None if the data are to say, and none of them for `--held none`."""
-    return [] if given.held == ["none"] else given.held
+    """Return the inputs of `--zero-order-hold`: None if the data are to say, and none of them for `--zero-order-hold none`."""
+    return [] if given.zero_order_hold == ["none"] else given.zero_order_hold
 
 
 def asked_otherwise(parser: argparse.ArgumentParser) -> None:
@@ -311,7 +311,7 @@ def check_known(scene: Any, labels: Sequence[str], names: Iterable[str]) -> None
         for label in labels:
             try:
                 loop = scene[label]
-                known |= loop.numbers().keys()
+                known |= loop.variable_numbers().keys()
                 renamed |= former_name(loop, name) is not None
                 loop.number(name)
                 break

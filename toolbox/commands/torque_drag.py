@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import Any
 
-from toolbox.commands import figures
-from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, drawn_as, earlier, plain, show
+from toolbox.commands.recording import answer
+from toolbox.commands.terminal import common, plain
 from toolbox.errors import SceneError, SimulationError
-
-FILES = ("torquedrag.txt", "torquedrag.png", "torquedrag.csv", "torquedrag.npz")
 
 
 def add(commands: Any) -> None:
@@ -54,19 +52,9 @@ def run(given: argparse.Namespace) -> int:
         asked["friction"] = factors
     asked["bit_torque"], note = (given.bit_torque, "") if given.bit_torque is not None else _bit_torque(scene)
     found = part.torque_and_drag(tables, **asked)
-    given.found = found
-    head, _, rest = str(found).partition("\n")
-    text = "\n".join([f"{head}: {scene.title}", rest, *([note] if note else [])])
-    with results(given, drawn_as(FILES, given.format), earlier("torquedrag.txt", "^Torque and drag", FILES)) as folder:
-        if folder is not None:
-            (folder / "torquedrag.txt").write_text(f"{text}\n", encoding="utf-8")
-            found.save(folder / "torquedrag.csv")
-            found.save(folder / "torquedrag.npz")
-            figures.draw_found(found, scene.title, folder / f"torquedrag.{given.format}")
-    show(text)
-    if given.out:
-        print(f"\nReport, figure and table are in {given.out}")
-    return 0
+    if note:
+        print(f"stickslip: note: {note}", file=sys.stderr)
+    return answer(given, "torquedrag", found, scene, "^Torque and drag", "Report, figure, table and data are")
 
 
 def _bit_torque(scene: Any) -> tuple[float, str]:
@@ -76,4 +64,4 @@ def _bit_torque(scene: Any) -> tuple[float, str]:
     try:
         return float(equilibrium(scene[scene.labels[0]])["bit.torque"]), ""
     except (SceneError, SimulationError, KeyError):
-        return 0.0, "  The torque on bit is taken as 0, because no steady running is known: give it as --bit-torque."
+        return 0.0, "the torque on bit is taken as 0, because no steady running is known: give it as --bit-torque."

@@ -62,35 +62,38 @@ def _law_named(name: str) -> type[FrictionLaw]:
 
 @dataclass
 class ContactRun(Renamed):
-    """Result of `step_contacts` at t instants. `run["back"]` is the displacement (t,) of an output of the problem [m], `run["back.speed"]` its
-    speed [m/s].
+    """Result of `step_contacts` at t instants.
+
+    `run["back"]` is the displacement of an output of the problem [m], shape (t,). `run["back.speed"]` is its speed
+    [m/s].
 
     Attributes
     ----------
     time
-        (t,): instants [s].
+        Instants [s], shape (t,).
     coordinates, rates
-        (t, n): q and its rate.
+        Coordinates q and their rates, shape (t, n).
     contact_modes
-        (t, c): 0 stick, 1 slip, 2 open, as in `toolbox.contacts.problem.LEGEND`.
+        Modes, shape (t, c): 0 stick, 1 slip, 2 open, as in `toolbox.contacts.problem.LEGEND`.
     normal
-        (t, c): Normal forces [N], >= 0.
+        Normal forces [N], >= 0, shape (t, c).
     tangential
-        (t, c, k): tangential forces on the body [N].
+        Tangential forces on the body [N], shape (t, c, k).
     slip
-        (t, c, k): distances slipped since the begin, with sign [m].
+        Slipped distances since the beginning, with sign [m], shape (t, c, k).
     friction_work
-        (t, c): energy that friction has taken at every contact [J].
+        Energy that friction has dissipated at every contact [J], shape (t, c).
     energy
-        See there.
+        Energies of the body and of its inputs; see `audit`.
     newton_iterations
-        (t,): Newton passes of every step.
+        Newton iterations of every step, shape (t,).
     inputs
-        {name: (t,)}: what acted; of what laws drive, the value over the step that ends there.
+        {name: values, shape (t,)}. For a signal that a controller gives, the value over the step that ends at the
+        instant.
     problem
-        The `ContactProblem` that was run.
+        The `ContactProblem`.
     wall_time
-        How long it took [s].
+        Computing time [s].
     """
 
     problem: ContactProblem
@@ -115,7 +118,7 @@ class ContactRun(Renamed):
         return self.coordinates @ self._output(name)
 
     def rate(self, name: str) -> np.ndarray:
-        """The speed (t,) of an output of the problem [m/s]."""
+        """Return the speed of an output of the problem [m/s], shape (t,)."""
         return self.rates @ self._output(name)
 
     def _output(self, name: str) -> np.ndarray:
@@ -130,25 +133,25 @@ class ContactRun(Renamed):
 
     @property
     def pressure(self) -> np.ndarray:
-        """(t, c) normal forces per area [Pa], or [N] where the problem has no areas."""
+        """Normal forces per area [Pa], shape (t, c). [N] if the problem has no areas."""
         return self.normal / self.problem.contact_areas
 
     @property
     def traction(self) -> np.ndarray:
-        """(t, c) sizes of the tangential forces per area [Pa], or [N] where the problem has no areas."""
+        """Magnitudes of the tangential forces per area [Pa], shape (t, c). [N] if the problem has no areas."""
         return np.linalg.norm(self.tangential, axis=2) / self.problem.contact_areas
 
     def share(self, mode: str = "stick") -> np.ndarray:
-        """(t,) share of the area of all contacts that is in a mode, "stick", "slip" or "open"."""
+        """Return the fraction of the area of all contacts that is in a mode ("stick", "slip" or "open"), shape (t,)."""
         return (self.contact_modes == _code(mode)) @ self.problem.contact_areas / self.problem.contact_areas.sum()
 
     def last(self, mode: str = "stick") -> float:
-        """Return the last instant at which a contact is in a mode; nan if no contact ever is."""
+        """Return the last instant at which a contact is in a mode. nan if there is no such instant."""
         found = np.flatnonzero((self.contact_modes == _code(mode)).any(axis=1))
         return float(self.time[found[-1]]) if found.size else float("nan")
 
     def first(self, mode: str) -> float:
-        """Return the first instant at which all contacts are in a mode; nan if they never are."""
+        """Return the first instant at which all contacts are in a mode. nan if there is no such instant."""
         found = np.flatnonzero((self.contact_modes == _code(mode)).all(axis=1))
         return float(self.time[found[0]]) if found.size else float("nan")
 
@@ -162,10 +165,10 @@ class ContactRun(Renamed):
         ]
 
     def audit(self) -> dict[str, float]:
-        """Return the energy balance of the run [J]: energy put in, stored and taken, the missing rest, and the largest of them as `size`.
+        """Return the energy balance of the run [J].
 
-        supplied = stored + friction + damping + impacts + stepping + missing. `missing` is round-off; `stepping` is the error of the time stepping,
-        which falls with the step.
+        supplied = stored + friction + damping + impacts + stepping + missing. `stepping` is the error of the time
+        stepping, which falls with the step. `missing` is round-off. `size` is the largest of these energies.
         """
         energy = self.energy
         stored = energy.kinetic + energy.elastic
@@ -182,13 +185,17 @@ class ContactRun(Renamed):
         return parts
 
     @cached_property
-    def error(self) -> float:
-        """Estimate of the largest error of the displacements and of the impulses of the contact forces, by a second run with half the step.
+    def error_estimate(self) -> float:
+        """Estimated error of the run: the largest error of displacements and of impulses of contact forces, from a second run with half the step.
 
-        Displacements of the contacts, and of the outputs in m, at one instant are compared as one vector, in parts of the largest motion of the run; outputs
-        of another unit in the same way by themselves; and the impulses of all contacts from the begin of the run on, in parts of the largest. A force
-        itself is no measure: it jumps where a contact lets go, and a jump one step late is as large at every step. The error falls with the first power
-        of the step, so that of the run is twice the difference. 0 for a state of rest, which has no step; nan for a run that failed.
+        - Displacements of the contacts, and outputs in m, are compared at each instant as one vector, relative to the
+          largest motion of the run. Outputs with another unit are compared separately in the same way.
+        - Impulses of all contacts, from the beginning of the run on, are compared relative to the largest impulse.
+          Forces are not compared: a force jumps when a contact slips, and a jump that is one step late is equally large
+          for every step.
+
+        The error falls with the first power of the step, so the error of the run is twice the difference. It is 0 for a
+        state of rest, which has no step, and nan for a run that failed.
         """
         if self._finer is None:
             return 0.0 if len(self.time) == 1 else float("nan")
@@ -211,11 +218,15 @@ class ContactRun(Renamed):
         return worst
 
     def save(self, path: str | Path) -> Path:
-        """Write the run to a compressed npz file without pickle, which `load` reads, or to a table where the path ends with .csv; whole or not at all.
+        """Write the run to a file, atomically: a compressed npz file without pickle, which `load` reads, or a table if the path ends with .csv.
 
-        Keys: the arrays of the attributes by their names; `contact_areas` and, if they are known, `contact_positions`;
-        `output.<name>`, `output.<name>.speed` and `input.<name>`; `energy.<word>` for those of `energy`;
-        `run` (JSON) and the arrays it names for the problem.
+        Keys of the npz file:
+
+        - the arrays of the attributes by their names;
+        - `contact_areas` and, if they are known, `contact_positions`;
+        - `output.<name>`, `output.<name>.speed` and `input.<name>`;
+        - `energy.<word>` for the entries of `energy`;
+        - `run` (JSON), and the arrays that it names for the problem.
         """
         path = Path(path)
         if path.suffix == ".csv":
@@ -244,7 +255,7 @@ class ContactRun(Renamed):
 
     @staticmethod
     def load(path: str | Path) -> ContactRun:
-        """Read a run from a file of `save`, without `error`, which needs another run.
+        """Read a run from a file of `save`, without `error_estimate`, which needs another run.
 
         Parameters
         ----------
@@ -296,10 +307,11 @@ class ContactRun(Renamed):
         check_shapes(data, shapes)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write what the face does as a whole as CSV in SI, units in the headings, one row per instant, whole or not at all; returns the path.
+        """Write the behaviour of the whole face as CSV in SI, with units in the headings and one row per instant. Return the path.
 
-        Columns: shares of the area that stick, slip and are open, sums of the contact forces, energies, inputs, and outputs with their speeds, of more
-        than 20 contacts without those outputs that are displacements of a contact. What every contact does is in the file of `save`.
+        Columns: fractions of the area that stick, slip and are open; sums of the contact forces; energies; inputs;
+        outputs with their speeds. With more than 20 contacts, outputs that are displacements of a contact are left out.
+        The file of `save` contains the behaviour of every contact. The file is written atomically.
         """
         problem, energy = self.problem, self.energy
         columns: dict[str, np.ndarray] = {"time [s]": self.time}
@@ -319,17 +331,17 @@ class ContactRun(Renamed):
         return write_table(path, list(columns), np.column_stack(list(columns.values())).tolist())
 
     def plot(self) -> Any:
-        """Draw shares and contact forces over time and, if places are known, the face at four instants with equal numbers of mode changes
-        between them.
+        """Draw fractions of the area and contact forces over time and, if the positions are known, the face at four instants.
 
-        Pressure and traction are drawn at the last of these instants, the energy that friction has taken at the end. Returns the axes.
+        Between these instants there are equal numbers of mode changes. Pressure and traction are drawn at the last of
+        them, and the friction work at the end. Returns the axes.
         """
         from toolbox.contacts.figures import draw_run
 
         return draw_run(self)
 
     def plot_share(self, ax: Any = None) -> Any:
-        """Draw which share of the area sticks, slips and is open over time; returns the axes."""
+        """Draw the fractions of the area that stick, slip and are open over time, and return the axes."""
         from toolbox.contacts.figures import draw_shares
 
         return draw_shares(self.time, {word: self.share(word) for word in ("stick", "slip", "open")}, ax)
@@ -364,7 +376,7 @@ class ContactRun(Renamed):
         return draw_field(plane, factor * getattr(self, values)[i], f"{values.replace('_', ' ')} [{unit}]", ax)
 
     def animate(self, path: Any, frames: int = 60, seconds: float = 6.0) -> None:
-        """Write an animation (.gif) of stick, slip and open on the face, beside the share that sticks."""
+        """Write an animation (.gif) of stick, slip and open contacts on the face, beside the fraction that sticks."""
         from toolbox.contacts.figures import write_animation
 
         if self.problem.contact_positions is None:
@@ -390,7 +402,7 @@ class ContactRun(Renamed):
             word: value if abs(value) > 1e-12 * audit["size"] else 0.0 for word, value in audit.items() if word not in ("missing", "size")
         }
         taken = ", ".join(f"{word} {value:.3g} J" for word, value in told.items())
-        error = f"error {self.error:.1e}" if "error" in self.__dict__ else "error: ask `run.error`"
+        error = f"error {self.error_estimate:.1e}" if "error_estimate" in self.__dict__ else "error: ask `run.error_estimate`"
         return f"{steps}\n  {error}\n  share that sticks {share.min():.0%} .. {share.max():.0%}, {still}\n  energy: {taken}"
 
 

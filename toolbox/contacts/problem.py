@@ -31,42 +31,46 @@ LEGEND = {STICK: "stick", SLIP: "slip", OPEN: "open"}
 
 @dataclass(frozen=True, eq=False)
 class ContactProblem(Renamed):
-    """A linear body with c contacts of the same friction law, for `step_contacts` (equations at the head of `toolbox.contacts.problem`).
+    """Linear body with c contacts of the same friction law, for `step_contacts`.
+
+    The equations are in the documentation of the module `toolbox.contacts.problem`.
 
     Parameters
     ----------
     mass, stiffness
-        (n, n): symmetric matrices of the body [kg], [N/m], of any kind of coordinates; the mass may be singular.
+        Symmetric matrices of the body [kg], [N/m], shape (n, n), in any kind of coordinates. The mass may be singular.
     tangent
-        (c, k, n): k = 1 or 2 tangential displacements of every contact [m].
+        Tangential displacements of every contact [m], shape (c, k, n), in k = 1 or 2 directions.
     friction
-        The coefficient of friction; a law without breaks.
+        The friction law, without jumps.
     normal
-        (c, n): closure of every contact, the displacement that closes its gap [m]. Either this or `load`.
+        Closure of every contact, the displacement that closes its gap [m], shape (c, n). Give either this or `load`.
     load
-        (c,): given normal loads [N], >= 0, in place of contacts that open and close.
+        Constant normal loads [N], >= 0, shape (c,), for contacts that do not open and close.
     damping
-        (n, n): [N s/m]; none without.
+        Damping matrix [N s/m], shape (n, n). By default no damping.
     gap
-        (c,): initial gaps [m]; 0 without.
+        Initial gaps [m], shape (c,). By default 0.
     force_inputs
-        {name: (n,)}: force on the coordinates per unit of an input.
+        {name of an input: force on the coordinates per unit of the input, shape (n,)}.
     surface_velocity
-        {name: (c, k)}: tangential speed of the counter-surface at every contact per unit of an input.
+        {name of an input: tangential speed of the counter-surface at every contact per unit of the input, shape (c,
+        k)}.
     outputs
-        {name: (n,)}: displacements to be read from a run.
+        {name of an output: row of the displacement that can be read from a run, shape (n,)}.
     contact_positions
-        (c, 1 to 3): where the contacts are [m], for pictures.
+        Positions of the contacts [m], shape (c, 1 to 3), for pictures.
     contact_areas
-        (c,): area of every contact [m2], for pressures and shares of area; 1 without.
+        Area of every contact [m2], shape (c,), for pressures and fractions of the area. By default 1.
     units
-        {input or output: unit}, where that of a force is not N, that of a motion of the counter-surface not m/s, or that of an output not m. An input and
-        an output of one name: that of the input.
+        {input or output: unit}. By default N for a force, m/s for a motion of the counter-surface, and m for an output.
+        If an input and an output have the same name, this is the unit of the input.
 
     Raises
     ------
     SceneError
-        For arrays that are not finite or do not fit each other, matrices that are not symmetric, a negative mass, and laws with breaks.
+        If arrays are not finite or do not fit each other, matrices are not symmetric, the mass is negative, or the
+        friction law jumps.
 
     Examples
     --------
@@ -162,21 +166,24 @@ class ContactProblem(Renamed):
         return int(self.tangent.shape[1])
 
     def displacements(self) -> np.ndarray:
-        """(m, n) rows of the displacements of all contacts: closures first, if they can open, then tangential ones, contact by contact."""
+        """Rows of the displacements of all contacts, shape (m, n): first the closures, if contacts can open, then the tangential displacements,
+        contact by contact.
+        """
         sliding = self.tangent.reshape(-1, self.size)
         return sliding if self.normal is None else np.vstack([self.normal, sliding])
 
     def coefficients(self) -> tuple[float, ca.Function]:
-        """Coefficient of friction at rest, and that while sliding as a function of the slip speed [m/s]."""
+        """Return the coefficient of friction at rest, and the kinetic coefficient as a function of the slip speed [m/s]."""
         speed = ca.SX.sym("speed")
         return float(self.friction.breakaway()), ca.Function("sliding", [speed], [self.friction.sliding(speed)])
 
 
 @dataclass(frozen=True)
 class ContactBody(Renamed):
-    """A body with many contacts as a scene names it: subclass it as a frozen dataclass, declare numbers with `quantity`, write `problem`.
+    """Body with many contacts, for scene files. Write your own body as a frozen dataclass: declare numbers with `quantity` and write `problem`.
 
-    Classes of a registered package, or of a file given by `--load`, are in the catalogue, as parts of a plant are. See `ContactScene`.
+    Classes of a registered package, or of a file that is given with `--load`, are in the catalogue, like parts of a
+    plant. See `ContactScene`.
     """
 
     def __post_init__(self) -> None:
@@ -186,5 +193,5 @@ class ContactBody(Renamed):
         """Raise SceneError if fields contradict each other. Bounds that are declared with `quantity` are checked without this method."""
 
     def problem(self) -> ContactProblem:
-        """The matrices, contacts, inputs and outputs that the fields describe."""
+        """Return the matrices, contacts, inputs and outputs that the fields describe."""
         raise NotImplementedError

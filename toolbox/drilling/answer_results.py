@@ -89,15 +89,15 @@ class Answers(Told, Result):
     parameter, unit, nominal_value
         The set-point that is varied, its unit, and its value in the scene.
     bounds, step
-        Range of set-points that was searched, and its grid; nan without a search.
+        Range of set-points that was searched, and its step. nan without a search.
     results
         {label of a controller: its answers}.
     failed
-        {label of a controller: why it has no answers}.
+        {label of a controller: reason why it has no answers}.
     situation
-        The situation that the verdicts hold for, in one line.
+        The situation for which the verdicts hold, in one line.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit that was typed}.
     """
 
     title: str
@@ -120,7 +120,7 @@ class Answers(Told, Result):
 
     @property
     def verdict_rows(self) -> list[tuple[str, ...]]:
-        """The table of verdicts at the set-point of the scene, as text."""
+        """Return the table of verdicts at the set-point of the scene, as text."""
         lines: list[tuple[str, ...]] = [("controller", *HEADS.values(), "takes over, one number off", "own stick-slip")]
         for label, each in self.results.items():
             own = "none found" if math.isnan(each.own_period) else f"yes, period {each.own_period:.3g} s"
@@ -129,7 +129,7 @@ class Answers(Told, Result):
 
     @property
     def lowest_rows(self) -> list[tuple[str, ...]]:
-        """The table of lowest set-points, as text."""
+        """Return the table of lowest set-points, as text."""
         read = reading(self.unit, self.display_units)
         lines: list[tuple[str, ...]] = [("controller", *HEADS.values(), "no stick-slip of its own")]
         for label, each in self.results.items():
@@ -163,7 +163,7 @@ class Answers(Told, Result):
 
     @property
     def sentences(self) -> list[str]:
-        """The answers in one sentence for each controller."""
+        """Return the answers in one sentence for each controller."""
         read = reading(self.unit, self.display_units)
         point, told = f"{self.nominal_value * read.factor:.4g}{read.tail}", []
         for label, each in self.results.items():
@@ -221,12 +221,12 @@ class Answers(Told, Result):
         return headings, rows
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the lowest set-points of every controller from each start; without a search, how many runs hold. Returns the axes.
+        """Draw the lowest set-points of every controller from each start. Without a search, draw the number of successful runs. Return the axes.
 
         Parameters
         ----------
         ax
-            Axes to draw into; a figure of its own by default.
+            Axes to draw into. By default a new figure.
         """
         from toolbox.drilling.figures import answer_diagram, verdict_diagram
 

@@ -192,7 +192,7 @@ class _Question:
         own = float(self._kept(ERRORS + 1, value, lambda: [OwnStickSlip(1).on(self.loop).period])[0])
         errors = Counted(*self._kept(ERRORS, value, lambda: self._errors(uncertainty)))
         peaks = dict(zip(PEAKS, self._kept(ERRORS + 2, value, lambda: self._peaks(value)), strict=True))
-        limits = [abs(limit) for law in self.loop.designed for limit in limits_of(law).values()]
+        limits = [abs(limit) for law in self.loop.designed_controllers for limit in limits_of(law).values()]
         return ControllerAnswer(starts, errors, own, torque_limit=max(limits, default=math.nan) or math.nan, **peaks)
 
     def counted(self, start: str, value: float) -> Counted:
@@ -228,7 +228,7 @@ class _Question:
             yield loop.replace(start={})
         elif start == "ramp":
             yield loop.replace(inputs={**loop.inputs, self.knob: shapes.ramp(0.02 * value, value, 0.0, RAMP)}, start={})
-        elif WEIGHT in self.loop.numbers() and not math.isnan(weight := float(self.loop.number(WEIGHT).value)):
+        elif WEIGHT in self.loop.variable_numbers() and not math.isnan(weight := float(self.loop.number(WEIGHT).value)):
             begin = smooth_start(loop)
             for ramp in RAMPS:
                 times = np.cumsum([20.0, OFF, AWAY, ramp])
@@ -251,7 +251,11 @@ class _Question:
 
     def _errors(self, uncertainty: Mapping[str, Any] | None) -> list[Any]:
         """(held, runs, why) of takeovers on plants with one number wrong at a time, the nominal one left out."""
-        wanted = ({WEIGHT: "10 %"} if WEIGHT in self.loop.numbers() else {}) if uncertainty is None else mapping("uncertainty", uncertainty)
+        wanted = (
+            ({WEIGHT: "10 %"} if WEIGHT in self.loop.variable_numbers() else {})
+            if uncertainty is None
+            else mapping("uncertainty", uncertainty)
+        )
         trials = Trials.of(self.loop, self.duration, starts=TakenOver(self.initial, self.phases), after=None)
         held, runs, why = 0, 0, ""
         for error, factors in cases_of(wanted, ()).items():
@@ -282,7 +286,7 @@ class _Question:
 
     def _own_end(self, low: float, high: float) -> float:
         """The set-point at which the loop's own stick-slip ends; nan if it has none in the range, inf if it lasts to its end."""
-        borders = onset(self.loop, self.knob, (low, high), values=9)
+        borders = onset(self.loop, self.knob, (low, high), num_values=9)
         return math.inf if borders.cycling[-1] else max((border.value for border in borders.ends), default=math.nan)
 
     def _lowest(self, start: str, low: float, high: float, step: float) -> float:

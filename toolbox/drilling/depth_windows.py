@@ -38,12 +38,12 @@ HALVINGS = 4
 
 @dataclass(frozen=True)
 class Windows(Told, Result):
-    """Windows over depth: `print(found)` shows one line per depth and weight, `found.plot()` draws one picture per depth.
+    """Windows of smooth running over depth. `print(found)` shows one line per depth and weight, `found.plot()` draws one figure per depth.
 
     Attributes
     ----------
     title
-        The law and how it runs.
+        The controller and how it runs.
     names, units
         The two numbers, and their units in SI.
     first_low, first_high
@@ -53,21 +53,23 @@ class Windows(Told, Result):
     second_values
         Values of the second number at which the windows are read, in SI.
     smooth_from, free_from
-        Value of the first number from which on, up to `first_high`, smooth running is stable, and from which on stick-slip ends as well; shape (depths,
-        second values), in SI; -inf where it is so in the whole range, inf where nowhere up to its end.
+        Value of the first number above which, up to `first_high`, smooth running is stable, and above which stick-slip
+        ends as well. Shape (depths, second values), in SI. -inf if this holds in the whole range, inf if it holds
+        nowhere up to the end of the range.
     operating_points
-        Working point of the two numbers at every depth, shape (depths, 2), in SI.
+        Operating point of the two numbers at every depth, shape (depths, 2), in SI.
     onset_margins
-        How far the first number of the working point is above where smooth running is lost and above where stick-slip ends, in parts of itself, shape
-        (depths, 2) [1]; inf where there is no border within the range, -inf where the point is not in the window at all.
+        Distance of the first number of the operating point above the value at which smooth running is lost, and above
+        the value at which stick-slip ends, as fractions of this number. Shape (depths, 2) [1]. inf if there is no
+        border within the range, -inf if the operating point is not in the window.
     disk_margin
-        Disk margin at the working point [1], shape (depths,); nan where there is no linear loop.
+        Disk margin at the operating point [1], shape (depths,). nan if there is no linear loop.
     display_units
-        {unit: unit that was typed}: the units in which `print` answers.
+        {SI unit: unit that was typed}: the units in which `print` answers.
     situation
-        The situation that the verdict holds for, in one line.
+        The situation for which the verdict holds, in one line.
     severity_maps
-        The map of every depth, each with its own picture; empty in windows that were loaded.
+        The map of every depth, each with its own figure. Empty after loading.
     """
 
     title: str
@@ -137,7 +139,7 @@ class Windows(Told, Result):
         return headings, rows
 
     def plot(self, axes: Any = None) -> Any:
-        """The window of every depth, one picture each; see `toolbox.drilling.figures.window_diagram`. Returns the axes."""
+        """Draw the window of every depth, one figure each (`toolbox.drilling.figures.window_diagram`), and return the axes."""
         from toolbox.drilling.figures import window_diagram
 
         first, second, deep = (reading(unit, self.display_units) for unit in (*self.units, "m"))

@@ -54,7 +54,7 @@ HARDER = np.linspace(0.4, 2.0, 9)
 class Knowledge(Renamed):
     """Prior knowledge of machine and measurement. Numbers of the machine are log-normal around the nominal numbers.
 
-    One setting serves stick-slip and smooth running; that of the measurement should be what it is.
+    One setting is used for stick-slip and for smooth running. Give the real noise of your measurement.
     """
 
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
@@ -78,11 +78,25 @@ class Knowledge(Renamed):
 
 @dataclass(frozen=True)
 class Estimate(Renamed):
-    """What is known at a sample: pairs of mean and standard deviation, in SI.
+    """Estimates at a sample: pairs (mean, standard deviation) in SI, and two probabilities.
 
-    top_speed, bit_speed [rad/s];  bit_torque [N m], also of a bit that is held;  strength [1] of the rock over the declared one.
-    severity [1] of the last period and a quarter;  margin [rad/s], mean bit speed of that time over the border below which smooth running is lost, nan where
-    no law is known;  stuck: part of the members in stick;  sticking: part of those that have stuck within that time.
+    Attributes
+    ----------
+    top_speed, bit_speed
+        Speeds [rad/s].
+    bit_torque
+        Torque on bit [N m], also of a bit at rest.
+    rock_strength
+        Strength of the rock as a multiple of the declared strength [1].
+    severity
+        Severity of stick-slip in the last 1.25 periods of the string [1].
+    onset_margin
+        Mean bit speed of this time minus the border below which smooth running is lost [rad/s]. nan if no controller is
+        known.
+    probability_stuck
+        Fraction of the members that stick now.
+    probability_stick_slip
+        Fraction of the members that have stuck within this time.
     """
 
     top_speed: tuple[float, float]
@@ -103,18 +117,19 @@ def check_string(plant: HybridSystem) -> None:
 
 
 class EnsembleFilter:
-    """An ensemble of strings that follows a rig: `step` at every sample, in a stream or over a log.
+    """Ensemble of strings that follows a rig: call `step` at every sample, in real time or along a log.
 
     Parameters
     ----------
     loop
-        A loop, or a plant: a drill string with a chain of inertias and a rock. Of a loop with a law over `top.reference` the border is known too.
+        A loop, or a plant: a drill string with a chain of inertias and a rock. For a loop with a controller of
+        `top.reference` the border of smooth running is known too.
     knowledge
-        What is known of machine and measurement.
+        Prior knowledge of machine and measurement.
     members
         Number of strings, >= 8.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
 
     Raises
     ------
@@ -168,7 +183,7 @@ class EnsembleFilter:
         self.holding = np.array(along).ravel() / float(across)  # torque that holds a bit in stick is this row times the states
 
     def reset(self) -> None:
-        """Forget all that was measured."""
+        """Forget all measurements."""
         n, known = self.members, self.knowledge
         self.count = 0
         self.rng = self._stream()
@@ -185,13 +200,13 @@ class EnsembleFilter:
         return np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, self.count]))
 
     def get_memory(self) -> FloatArray:
-        """All on which the next estimates depend."""
+        """Return the memory that determines the next estimates."""
         states = np.zeros((self.members, self.rollout.n)) if self.states is None else self.states
         single = (self.count, self.time, self.surprise, self.since, self.filled, self.now, self.states is not None)
         return np.concatenate([single, *(each.ravel() for each in (states, self.logs, self.load, self.ring))])
 
     def set_memory(self, values: FloatArray) -> None:
-        """Remember what `get_memory` told."""
+        """Restore a memory that `get_memory` returned."""
         n = self.members
         count, self.time, self.surprise, self.since, filled, self.now, begun = values[:7].tolist()
         self.count, self.filled = int(count), int(filled)
@@ -201,24 +216,24 @@ class EnsembleFilter:
         self.logs, self.load, self.ring = logs.reshape(n, 4), load, ring.reshape(ROWS, n)
 
     def step(self, duration: float, torque: float, speed: float, weight: float | None = None) -> Estimate:
-        """Go on to a sample and take it in.
+        """Predict to the next sample and include its measurements.
 
         Parameters
         ----------
         duration
-            Time since the last sample [s]; what it is at the first one does not matter.
+            Time since the last sample [s]. It has no effect at the first sample.
         torque
-            Torque of the drive over that time [N m]: the mean of the measurements at both ends, or the command that was held; nan where it is not known, the
-            string then goes on under what it carries.
+            Torque of the drive over this time [N m]: the mean of the measurements at both ends, or the command that was
+            held. nan if it is not known: the string then continues with the torque that it carries.
         speed
-            Measured top speed [rad/s]; nan where there is none.
+            Measured top speed [rad/s]. nan if it was not measured.
         weight
-            Measured weight on bit [N]; the last one, at first the declared one, where it is None or nan.
+            Measured weight on bit [N]. If it is None or nan, the last value is used, at first the declared one.
 
         Returns
         -------
         Estimate
-            What is known now.
+            The present estimates.
         """
         if weight is not None and math.isfinite(weight):
             self.now = max(weight, 0.0)
@@ -335,7 +350,7 @@ class EnsembleFilter:
         )
 
     def sliding(self, speed: FloatArray) -> FloatArray:
-        """Torque of the declared rock [N m] at speeds >= 0 [rad/s]."""
+        """Return the torque of the declared rock [N m] at speeds >= 0 [rad/s]."""
         if not hasattr(self, "_curve"):
             element, plant = self.plant.elements[self.contact], self.plant
             row = np.zeros(self.rollout.n)
@@ -355,7 +370,7 @@ def _pair(values: Any) -> tuple[float, float]:
 
 def _border(loop: ClosedLoop) -> tuple[FloatArray | None, str]:
     """(highest set-point at which smooth running is lost, at each of the loads `HARDER`; "") or, where it is not known, (None, why)."""
-    if "top.reference" not in loop.numbers():
+    if "top.reference" not in loop.variable_numbers():
         return None, "the loop has no set-point `top.reference`"
     if loop.is_sampled:
         return None, "the law is sampled, and the border is that of a law in its continuous form"
@@ -363,7 +378,7 @@ def _border(loop: ClosedLoop) -> tuple[FloatArray | None, str]:
     for part in HARDER.tolist():
         try:
             weight = loop.number("bit.weight").value
-            found = hopf_points(loop.at("bit.weight", part * weight), "top.reference", (0.2, 40.0), values=25)
+            found = hopf_points(loop.at("bit.weight", part * weight), "top.reference", (0.2, 40.0), num_values=25)
         except SceneError as error:
             return None, str(error).rstrip(".")
         borders.append(max((point.value for point in found), default=0.0))

@@ -54,9 +54,10 @@ CALM_STRING = (
 
 
 class Detector:
-    """Whether the bit sticks and slips, from estimates one after the other.
+    """Detector of stick-slip, from a sequence of estimates.
 
-    It begins with a swing nearly as large as the mean speed in which half of the members stuck, and ends where the swing has become small.
+    Stick-slip begins when the speed range is nearly as large as the mean speed and half of the members have stuck. It
+    ends when the range has become small.
     """
 
     def __init__(self) -> None:
@@ -74,34 +75,38 @@ class Detector:
 
 @dataclass(frozen=True)
 class Estimates(Told, Result):
-    """Estimates over a log, as `estimate` returns them: `print(found)`, `found.plot()`, `found.mean["bit_speed"]`.
+    """Estimates over a log, the result of `estimate`: `print(found)`, `found.plot()`, `found.mean["bit_speed"]`.
 
     Attributes
     ----------
     title
-        Of the machine.
+        Name of the machine.
     time
-        Of the samples [s], shape (nt,).
+        Times of the samples [s], shape (nt,).
     mean, deviation
-        {"bit_speed", "bit_torque", "rock_strength", "severity" or "onset_margin": values in SI, shape (nt,)}; nan where nothing is known. The
-        onset margin is the mean bit speed over the border below which smooth running is lost; it is nan while the bit sticks and slips. Severity and margin are nan where ensemble and torque
-        disagree on stick-slip.
+        {"bit_speed", "bit_torque", "rock_strength", "severity" or "onset_margin": values in SI, shape (nt,)}. nan if
+        nothing is known.
+
+        The onset margin is the mean bit speed minus the border below which smooth running is lost. It is nan while the
+        bit sticks and slips. Severity and margin are nan if ensemble and torque disagree about stick-slip.
     stick_slip
-        Whether there is stick-slip, by ensemble and torque, shape (nt,).
+        Whether there is stick-slip, from ensemble and torque, shape (nt,).
     source
-        Where the log comes from.
+        Origin of the log.
     members
-        Of the ensemble.
+        Number of members of the ensemble.
     measured_samples
         Number of samples with a top speed.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit that was typed}.
     notes
-        What is not known and why, where ensemble and torque disagree, and where the machine cannot be that of the log.
+        Unknown quantities with the reason, times at which ensemble and torque disagree, and signs that the machine is
+        not the machine of the log.
     torque_swing
-        Amplitude of the surface torque at the period of the string over its mean (stick-slip index), which needs no model, shape (nt,).
+        Stick-slip index without a model: amplitude of the surface torque at the period of the string, as a fraction of
+        its mean, shape (nt,).
     sampling_too_slow
-        Where the log is too slow to see stick-slip, shape (nt,).
+        Whether the sampling of the log is too slow to show stick-slip, shape (nt,).
     """
 
     title: str
@@ -124,7 +129,7 @@ class Estimates(Told, Result):
 
     @property
     def spells(self) -> list[tuple[float, float]]:
-        """Begin and end [s] of each time of stick-slip, as it was told; a gap of the log ends one."""
+        """Begin and end of each time of stick-slip [s], as it was reported. A gap of the log ends such a time."""
         return _stretches(self.time, self.stick_slip)
 
     def _told(self) -> list[str | Rows]:
@@ -172,7 +177,7 @@ class Estimates(Told, Result):
         ]
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the estimates that are known with their bands of 95 %, and when there was stick-slip; returns the axes."""
+        """Draw the known estimates with their 95 % bands, and the times of stick-slip. Return the axes."""
         from toolbox.drilling.figures import estimate_diagram
 
         return estimate_diagram(self, axes)

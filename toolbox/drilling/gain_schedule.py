@@ -71,31 +71,31 @@ class CheckedDepth:
 
 @dataclass(frozen=True)
 class Schedule(Told, Result):
-    """Gains over depth with their checks: `print(found)` shows the table, `found.to_csv(path)` writes the gains for the drive, `found.plot()`
-    draws both.
+    """Gains over depth with their checks: `print(found)` shows the table, `found.to_csv(path)` writes the gains, `found.plot()` draws both.
 
     Attributes
     ----------
     title
-        The law and how it runs.
+        The controller and how it runs.
     run_conditions
-        From where runs begin, and when they are judged.
+        Start of the runs, and time from which they are judged.
     depths
         Depths of the table [m].
     names, units
-        The numbers of the law that change with depth, and their units in SI.
+        The numbers of the controller that change with depth, and their units in SI.
     gains
         Their values, shape (depths, numbers).
     checked
-        What was found at every depth of the table, and halfway between.
+        Results of the checks at every depth of the table, and halfway between.
     display_units
-        {unit: unit that was typed}: the units in which `print` answers.
+        {SI unit: unit that was typed}: the units in which `print` answers.
     controller
-        The law with all its numbers, as it is sampled, at the first depth; None in one that was loaded.
+        The sampled controller with all its numbers, at the first depth. None after loading.
     situation
-        The situation that the verdict holds for, in one line.
+        The situation for which the verdict holds, in one line.
     all_gains
-        All its numbers at the depths of the table, those that do not change too; None in one that was loaded.
+        All numbers of the controller at the depths of the table, including those that do not change. None after
+        loading.
     """
 
     title: str
@@ -116,12 +116,12 @@ class Schedule(Told, Result):
         return not any(each.failed for each in self.checked)
 
     def gains_at(self, depth: NumberOrText) -> dict[str, float]:
-        """{number: value} at a depth [m]: linear between the rows of the table, constant outside."""
+        """Return {number: value} at a depth [m]: linear between the rows of the table, constant outside."""
         depth = number("depth", depth, "m", at_least=0)
         return {name: float(np.interp(depth, self.depths, self.gains[:, k])) for k, name in enumerate(self.names)}
 
     def law_at(self, depth: NumberOrText) -> Any:
-        """The law with the numbers of a depth [m], for a loop. Raises SceneError for a schedule that was loaded, which has no law."""
+        """Return the controller with its numbers at a depth [m], for a loop. Raises SceneError after loading, because a file holds no controller."""
         if self.controller is None:
             raise SceneError(
                 "A schedule that was loaded has no law, which belongs to the machine: make it again by `schedule`, or take `gains_at`."
@@ -164,7 +164,7 @@ class Schedule(Told, Result):
         return headings, [[depth, *row.tolist()] for depth, row in zip(self.depths, self.gains, strict=True)]
 
     def plot(self, axes: Any = None) -> Any:
-        """Gains and disk margin over depth; see `toolbox.drilling.figures.schedule_diagram`. Returns the axes."""
+        """Draw gains and disk margin over depth (`toolbox.drilling.figures.schedule_diagram`), and return the axes."""
         from toolbox.drilling.figures import schedule_diagram
 
         deep, *read = (reading(unit, self.display_units) for unit in ("m", *self.units))
@@ -241,15 +241,15 @@ def schedule(
         )
     duration = number("duration", duration, "s", above=0)
     loops = [_designed(well, depth, controller) for depth in places]
-    counted = [len(numbers_of(loop.designed[0])) for loop in loops]
-    kinds = {type(loop.designed[0]).__name__ for loop in loops}
+    counted = [len(numbers_of(loop.designed_controllers[0])) for loop in loops]
+    kinds = {type(loop.designed_controllers[0]).__name__ for loop in loops}
     if len(set(counted)) > 1 or len(kinds) > 1:
         raise SceneError(
             f"Argument `controller` must have as many numbers at every depth to be interpolated, but it has {', '.join(map(str, counted))}: "
             "let `well` give plants of one size, or take a law whose design does not grow with the plant."
         )
-    every = np.array([numbers_of(loop.designed[0]) for loop in loops])
-    given, first = loops[0].controllers[0], loops[0].designed[0]
+    every = np.array([numbers_of(loop.designed_controllers[0]) for loop in loops])
+    given, first = loops[0].controllers[0], loops[0].designed_controllers[0]
     base = dataclasses.replace(given, law=first) if isinstance(given, Sampled) else first
     moves = np.flatnonzero(np.ptp(every, axis=0) > 0.0)
     named = _named(loops[0])
@@ -297,5 +297,5 @@ def _named(loop: ClosedLoop) -> list[tuple[str, str]]:
     """(name, unit) of every number of the designed law, in the order of `numbers_of`."""
     first = sum(len(numbers_of(part)) for part in loop.plant.parts)
     entries = sorted(loop.system.parameters.values(), key=lambda entry: entry.offset)
-    own = [entry for entry in entries if first <= entry.offset < first + len(numbers_of(loop.designed[0]))]
+    own = [entry for entry in entries if first <= entry.offset < first + len(numbers_of(loop.designed_controllers[0]))]
     return [(entry.name if entry.size is None else f"{entry.name}.{i}", entry.unit) for entry in own for i in range(count_of(entry.size))]

@@ -30,14 +30,24 @@ GOLDEN = 0.6180339887498949
 
 @dataclass(frozen=True)
 class Varying:
-    """A weight that varies about its mean: a sine of that size (in parts of the mean) and frequency [Hz], or noise of that deviation with a corner there."""
+    """Weight on bit that varies about its mean: a sine, or noise.
+
+    Attributes
+    ----------
+    size
+        Amplitude of the sine, or standard deviation of the noise, as a fraction of the mean.
+    frequency
+        Frequency of the sine, or corner frequency of the noise [Hz].
+    noise
+        Whether the variation is noise.
+    """
 
     size: float
     frequency: float
     noise: bool = False
 
     def input(self, mean: float, seed: int) -> Any:
-        """The weight over time; of a sine another seed has another phase."""
+        """Return the weight as a function of time. For a sine, another seed gives another phase."""
         varied = (mean, self.size * mean, self.frequency)
         return (
             shapes.noise(*varied, seed=seed)
@@ -48,10 +58,20 @@ class Varying:
 
 @dataclass(frozen=True)
 class Machine(Renamed):
-    """A machine beside the declared one.
+    """A plant that deviates from the declared plant.
 
-    factors: ((number of the loop, factor of its declared value), ...).  delay: by how much commands come later than declared [s].
-    plant: another plant, with the same names, in place of the declared one.  weight: how the weight varies.
+    Attributes
+    ----------
+    name
+        Name of the deviation.
+    parameter_factors
+        Pairs (number of the loop, factor of its declared value).
+    delay
+        Additional delay of the commands [s].
+    plant
+        Another plant with the same signal names, in place of the declared plant.
+    weight_variation
+        Variation of the weight on bit in time.
     """
 
     name: str
@@ -63,11 +83,25 @@ class Machine(Renamed):
 
 @dataclass(frozen=True)
 class Group(Renamed):
-    """Plants on which a controller is judged, with seeds of the noise and phases of the cycle (as fractions of its period) at which it takes
-    over.
+    """Group of plants on which a controller is judged, with the seeds of the noise and the takeover phases.
 
-    noise: standard deviation of the measured top speed [rad/s], 0 for none.  judged: length of the judged window [s].  margin: disk margin that a border has to
-    leave on the declared machine and on each of the group, where the law has a slope; a border that has to last is raised until it does.
+    Attributes
+    ----------
+    name
+        Name of the group.
+    machines
+        The plants.
+    seeds
+        Seeds of the noise.
+    noise
+        Standard deviation of the measured top speed [rad/s]. 0 for no noise.
+    takeover_phases
+        Phases of the stick-slip cycle at which the controller takes over, as fractions of its period.
+    judged_time
+        Length of the time that is judged [s].
+    min_disk_margin
+        Smallest allowed disk margin at the border, on the nominal plant and on every plant of the group, if the
+        controller has a slope. A border that is confirmed by a long run is raised until it has this margin.
     """
 
     name: str
@@ -85,7 +119,7 @@ class Group(Renamed):
 
     @property
     def lasting(self) -> Group:
-        """The same machines with few phases and seeds for half an hour."""
+        """The same plants with fewer phases and seeds, for runs of half an hour."""
         chosen = self.takeover_phases[:: max(1, len(self.takeover_phases) // FEW)][:FEW]
         return replace(self, seeds=self.seeds[:SEEN], takeover_phases=chosen, judged_time=LASTING)
 
@@ -143,7 +177,7 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
     other_rocks     1 plants
     varying_weight  4 plants
     """
-    names = list((machine if isinstance(machine, ClosedLoop) else closed_loop(machine)).without_controllers.numbers())
+    names = list((machine if isinstance(machine, ClosedLoop) else closed_loop(machine)).without_controllers.variable_numbers())
 
     def entries(name: str) -> list[str]:
         return [each for each in names if each.rpartition(".")[0] == name]

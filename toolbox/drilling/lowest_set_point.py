@@ -92,32 +92,36 @@ def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
 
 @dataclass(frozen=True)
 class SetPointLimit(Renamed):
-    """The lowest set-point of a controller on a group of plants, with the cost of a recovery there.
+    """Lowest set-point of a controller on a group of plants, with the cost of a recovery there.
 
     Attributes
     ----------
     lowest_set_point
-        Lowest set-point [rad/s]; nan where none is held.
+        Lowest successful set-point [rad/s]. nan if no set-point is successful.
     why
-        Which run fails one step below it, or at the highest set-point where none is held.
+        The run that fails one step below it, or at the highest set-point if no set-point is successful.
     highest_set_point
-        Highest set-point that holds [rad/s], where the law fails again above it; nan where nothing that was tried above does.
+        Highest successful set-point [rad/s], if the controller fails again above it. Else nan.
     time_above_setpoint
-        Largest share of half an hour after the recovery with the top 10 % above what is asked [1].
+        Largest fraction of half an hour after the recovery in which the top is more than 10 % above the set-point [1].
     recovery_time
-        Longest time before that with the top so far above [s]; of a raised set-point that includes the raising.
+        Longest time before this with the top so far above the set-point [s]. With a raised set-point it includes the
+        time of raising.
     max_bit_speed, max_torque
         Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
     max_lifts, relapses_per_hour
-        Most lifts from the takeover on, and most an hour after the recovery, for a law that lifts its set-point.
+        Largest number of raises from the takeover on, and largest number per hour after the recovery, for a controller
+        that raises its set-point.
     max_weight_relief
-        Largest mean share of the weight that is taken off, for a law that does so [1].
+        Largest mean fraction of the weight that is removed, for a controller that does so [1].
     growth_rate
-        Largest rate at which a small disturbance of smooth running grows on a machine [1/s]; below 0 it dies.
+        Largest growth rate of a small disturbance of smooth running on any plant [1/s]. Negative if the disturbance
+        decays.
     disk_margin, disk_margin_nominal
-        Smallest disk margin over the machines of the group, and that of the declared one, at that set-point [1]; nan for a law without a slope.
+        Smallest disk margin at this set-point over the plants of the group, and disk margin of the nominal plant [1].
+        nan for a controller without a slope.
     weakest_plant
-        The machine with the smallest.
+        The plant with the smallest disk margin.
     """
 
     lowest_set_point: float
@@ -231,21 +235,22 @@ def borders(
 
 @dataclass(frozen=True)
 class LowestSetPoints(Result):
-    """Lowest set-points of controllers on groups of plants: `print(found)` shows the table, `found["soft torque", "one_at_a_time"].lowest_set_point` is a
-    single set-point.
+    """Lowest set-points of controllers on groups of plants.
+
+    `print(found)` shows the table, `found["soft torque", "one_at_a_time"].lowest_set_point` is a single set-point.
 
     Attributes
     ----------
     initial_controller
-        The drive that the laws take over from.
+        The controller whose stick-slip is taken over.
     entries
         {(label of the controller, name of the group, protocol): `SetPointLimit`}.
     bounds, step
-        Set-points that were searched [rad/s].
+        Range of set-points that was searched, and its step [rad/s].
     display_units
-        {unit: unit in which it was typed}.
+        {SI unit: unit that was typed}.
     situation
-        The situation that the verdict holds for, in one line.
+        The situation for which the verdict holds, in one line.
     """
 
     initial_controller: str
@@ -274,7 +279,7 @@ class LowestSetPoints(Result):
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
-        """The table as text."""
+        """Return the table as text."""
         speed, torque = reading("rad/s", self.display_units), reading("N m", self.display_units)
         heads = (
             "controller",
@@ -309,7 +314,7 @@ class LowestSetPoints(Result):
 
     @property
     def title(self) -> str:
-        """A sentence that says what was searched."""
+        """Sentence that describes the search."""
         factor, unit = reading("rad/s", self.display_units)
         low, high, step = (f"{value * factor:.3g}" for value in (*self.bounds, self.step))
         return f"Lowest set-points at which a law ends the stick-slip under {self.initial_controller} ({low} to {high} {unit}, steps of {step} {unit})"
@@ -330,12 +335,14 @@ class LowestSetPoints(Result):
         return ["controller", "group", "protocol", *names], [[*key, *map(vars(each).get, names)] for key, each in self.entries.items()]
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the lowest set-points of every law on every group, those of the protocol `takeover` filled and those of `ramp` open; returns the axes.
+        """Draw the lowest set-points of every controller on every group, and return the axes.
+
+        Points of the protocol `takeover` are filled, points of `ramp` are open.
 
         Parameters
         ----------
         ax
-            Axes to draw into; a figure of its own by default.
+            Axes to draw into. By default a new figure.
         """
         from toolbox.drilling.figures import set_point_diagram
 
@@ -347,7 +354,7 @@ class LowestSetPoints(Result):
         return set_point_diagram(rows, self.bounds[1] * factor, unit, ax)
 
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
-        """The entries of both, in this order."""
+        """Return the entries of both results, in this order."""
         return dataclasses.replace(self, entries={**self.entries, **other.entries})
 
 

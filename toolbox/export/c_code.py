@@ -81,7 +81,7 @@ def only_law(loop: ClosedLoop) -> tuple[Any, float | None]:
     given = loop.controllers[0]
     if not isinstance(given.law if isinstance(given, Sampled) else given, Controller):
         raise SceneError(f"Argument `loop` must hold a Controller to be written down, but its law is {given!r}.")
-    closed, law = loop.assembly, loop.designed[0]
+    closed, law = loop.assembly, loop.designed_controllers[0]
     if isinstance(law, Controller) and any(not loop.plant.has_parameter(name) for name in loop.parameters):
         *plant, part = closed.system.parts
         law = law_of(rebuilt(part, closed.system.values, sum(len(numbers_of(each)) for each in plant)))

@@ -242,7 +242,7 @@ def machine(loop: ClosedLoop, name: str, duration: Any = None, accuracy: float |
             raise SceneError(
                 f"A loop goes to C with laws of casadi expressions, but {type(law).__name__} is a law in Python: export the plant alone."
             )
-    for law in loop.designed:
+    for law in loop.designed_controllers:
         if not isinstance(law, Controller):
             raise SceneError(
                 f"A loop goes to C with laws of casadi expressions, but {type(law).__name__} solves a program at every sample: export the plant, and where "

@@ -37,8 +37,9 @@ def stepper(
     duration: NumberOrText | None = None,
     accuracy: float | None = None,
 ) -> Stepper:
-    """Return a plant with its controllers that another program steps: `reset`, then `step` with new inputs, period after
-    period.
+    """Return a machine that another program steps: a plant with its controllers, with the methods `reset` and `step`.
+
+    Call `reset`, and then `step` with new inputs once per period.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def stepper(
     period
         Time of one step [s].
     inputs
-        Inputs or parameters that `step` sets, in this order. They jump at the begin of the step.
+        Inputs or parameters that `step` sets, in this order. Their values jump at the beginning of the step.
     outputs
         Scalar signals that `reset` and `step` return, in this order.
     duration
@@ -64,8 +65,8 @@ def stepper(
     Raises
     ------
     SceneError
-        If an input or an output is unknown, the loop is stiff, or one of its controllers is written in Python: such a
-        controller steps the machine itself.
+        If an input or an output is unknown, the loop is stiff, or one of its controllers is written in Python. Step the
+        machine with such a controller from your own program instead.
     SimulationError
         If the run over `duration`, which is carried out once, fails.
 

@@ -16,7 +16,7 @@ PEAK = 2.0
 
 def sampled(run: Any, begin: float, end: float) -> Any:
     """Signals at both sides of every step and at enough points inside; a jump is two samples at one time."""
-    nodes = run.nodes
+    nodes = run.every_step
     long = np.flatnonzero((np.diff(nodes.time) > 0) & (nodes.time[1:] > begin) & (nodes.time[:-1] < end))
     left, right = np.maximum(nodes.time[long], begin), np.minimum(nodes.time[long + 1], end)
     parts = np.maximum(1, np.ceil((right - left) / (end - begin) * RESOLUTION)).astype(int)
@@ -27,7 +27,7 @@ def sampled(run: Any, begin: float, end: float) -> Any:
     times = left[row] + (right - left)[row] * (index / parts[row])
     # the end of each step with the modes and held signals of that step: `at` would give what follows
     order = np.argsort(np.concatenate([2 * row, 2 * np.arange(long.size) + 1]), kind="stable")
-    return nodes.inside(long[np.concatenate([row, np.arange(long.size)])[order]], np.concatenate([times, right])[order])
+    return nodes.interpolated(long[np.concatenate([row, np.arange(long.size)])[order]], np.concatenate([times, right])[order])
 
 
 def thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

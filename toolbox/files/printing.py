@@ -26,6 +26,18 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[object]],
         the left. No character is read as HTML.
     notes
         Sentences that stand below the table.
+
+    Returns
+    -------
+    str
+        The table in HTML.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import html_table
+    >>> page = html_table("Hook load", ["operation", "hook load [kN]"], [["picking up", 1396]])
+    >>> print(page.count("<tr>"))
+    2
     """
     lines = ["<div>", f"<p><b>{marked(title)}</b></p>"]
     if headings:

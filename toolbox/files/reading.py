@@ -80,7 +80,7 @@ def opened(path: str | Path, most: int = LARGEST, what: str = "file", apart: boo
     """
     path = Path(path)
     for found in _NOTING if not apart else ():
-        found.add(path)
+        found.add(Path(os.path.normpath(path)))
     try:
         _check(path, os.stat(path), most, what)
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))

@@ -34,10 +34,15 @@ FUNCTIONS = {
 
 
 class Result(Printed):
-    """A frozen dataclass of numbers, texts, arrays and such dataclasses that saves and loads itself; its fields are annotated by types known at run time."""
+    """Base class of results: a frozen dataclass of numbers, texts, arrays and such dataclasses, which can be saved and loaded.
+
+    The annotations of its fields must be known at run time.
+    """
 
     def save(self, path: str | Path) -> Path:
-        """Write everything to an npz file without pickle, which `load` reads, or to a table where the path ends with .csv; whole or not at all.
+        """Write the result to a file, atomically.
+
+        The file is an npz file without pickle, which `load` reads, or a table if the path ends with .csv.
 
         Parameters
         ----------
@@ -59,7 +64,7 @@ class Result(Printed):
         return path
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write the table of the result as CSV in SI units, whole or not at all.
+        """Write the table of the result as CSV in SI units, atomically.
 
         Parameters
         ----------

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from toolbox.errors import SceneError, listed, suggest
+from toolbox.errors import SceneError, joined, suggest
 from toolbox.files.reading import SCENE, text_of
 
 LARGEST = 8 * 2**20
@@ -49,7 +49,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of a table, {column: number in SI or text}. Each row knows its place, so that an error can name it."""
+    """Rows of a table, each as {column: number in SI, or text}. Each row knows its position, so that an error can name it."""
 
     path: Path
     rows: tuple[Mapping[str, Any], ...]
@@ -60,7 +60,17 @@ class Table:
         return iter(self.rows)
 
     def error(self, row: int, column: str, words: str) -> SceneError:
-        """The error for a cell, row counted from 0; words: what the cell must be."""
+        """Return the error for a cell.
+
+        Parameters
+        ----------
+        row
+            Index of the row, counted from 0.
+        column
+            Name of the column.
+        words
+            Description of a correct value of the cell.
+        """
         return _fault(self.path, self.places[row], self.headings.get(column, column), words)
 
 
@@ -128,7 +138,7 @@ def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -
             if column.required and column.name not in values:
                 unit = f" [{column.unit}]" if column.unit not in (None, "1") else ""
                 where = f"Table `{path}`" if path.suffix.lower() != ".toml" else f"Table `{path}`, {place},"
-                there = listed(cells)
+                there = joined(cells)
                 raise SceneError(f"{where} must have a column `{column.name}{unit}`, but it has {there}.")
         found.append(_filled(values))
     return Table(path, tuple(found), tuple(place for place, _ in rows), headings)
@@ -241,7 +251,7 @@ def _toml(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
         return []
     key, entries = next(iter(data.items()))
     if len(data) > 1 or not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise SceneError(f"Table `{path}` must be one array of tables such as [[{key}]], but its keys are {listed(data)}.")
+        raise SceneError(f"Table `{path}` must be one array of tables such as [[{key}]], but its keys are {joined(data)}.")
     return [(f"row {row}", entry) for row, entry in enumerate(entries, 1)]
 
 

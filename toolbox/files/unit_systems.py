@@ -35,8 +35,8 @@ SIZED = frozenset(("1", "s", "m"))
 """Units that a field of a part is typed in as it suits its own size: a bit of 8.5 in hangs on 2 km of pipe, and is sampled every 10 ms."""
 
 
-class units:
-    """Choose the units of reports, tables and figures: `with units("oilfield"): print(found)`, or `units("metric")` for all that follows.
+class use_units:
+    """Choose the units of reports, tables and figures: `with use_units("oilfield"): print(found)`, or `use_units("metric")` for all that follows.
 
     If no system is chosen, results are shown in the units in which the input was given, such as "95 rpm" or "10 kN m",
     and otherwise in SI. The choice changes only what is shown. Numbers returned to Python, matplotlib axes and files
@@ -58,7 +58,7 @@ class units:
     >>> from models import BitRock, wells
     >>> from toolbox import compose, equilibrium, closed_loop
     >>> rest = equilibrium(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), inputs={"top.torque": 12e3}))
-    >>> with toolbox.units("oilfield"):
+    >>> with toolbox.use_units("oilfield"):
     ...     print("klbf" in str(rest))
     True
     """
@@ -68,7 +68,7 @@ class units:
             raise SceneError(f"There is no system of units `{system}`: known are {', '.join(f'`{each}`' for each in SYSTEMS)}.")
         self._before = _SYSTEM.set(system)
 
-    def __enter__(self) -> units:
+    def __enter__(self) -> use_units:
         return self
 
     def __exit__(self, *_: Any) -> None:
@@ -95,7 +95,7 @@ class Reading(NamedTuple):
 def reading(unit: str, display_units: Mapping[str, str] | None = None) -> Reading:
     """Return factor and unit in which numbers of an SI unit are shown.
 
-    This is the unit of the chosen system (`toolbox.units`), else the unit in which values were typed, else the SI
+    This is the unit of the chosen system (`toolbox.use_units`), else the unit in which values were typed, else the SI
     unit.
 
     Parameters

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.errors import SceneError, listed
+from toolbox.errors import SceneError, joined
 from toolbox.files.archives import understood
 from toolbox.files.mat import read_mat
 from toolbox.files.reading import TEXT, content, opened
@@ -123,7 +123,7 @@ def _by_pandas(path: Path, kind: str, held: bytes, names: Sequence[str]) -> Sour
             if kind == ".parquet":
                 flat, nested = check_parquet(path, held)
                 source = from_frame(pandas.read_parquet(io.BytesIO(held), columns=flat, read_dictionary=texts_of_parquet(held)), bare=False)
-                source.notes += [f"{listed(nested)} left out: lists or structures"] if nested else []
+                source.notes += [f"{joined(nested)} left out: lists or structures"] if nested else []
                 return source
             if held[:2] == b"PK":
                 check_sheets(path, held)

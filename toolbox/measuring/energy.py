@@ -73,12 +73,14 @@ class EnergyAudit(Printed):
 
 
 def energy_audit(run: Trajectory) -> EnergyAudit:
-    """Integrate every declared loss and supply of power over a run, and compare them with the stored energy.
+    """Compare the stored energy of a run with the integrals of all declared losses and supplies of power.
 
-    Energies and powers are expressions that the parts declare beside their equations. A residual above the accuracy
-    of the run therefore means that physics and equations of a model disagree, or that a part exchanges power without
-    declaring it. The integrals are Gauss-Legendre with 8 points on every step (order 16, so that the quadrature adds
-    nothing to the error of the run), with the modes and held signals of that step.
+    Energies and powers are expressions that the parts declare beside their equations. A residual above the accuracy of
+    the run therefore means that the energies and the equations of a model disagree, or that a part exchanges power
+    without declaring it.
+
+    The integrals use Gauss-Legendre quadrature with 8 points on every step, with the modes and held signals of the
+    step. Its order is 16, so the quadrature adds nothing to the error of the run.
 
     Parameters
     ----------
@@ -103,7 +105,7 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
         raise SceneError(
             "Argument `run` must be a trajectory with its plant, whose energies are integrated, but it was read from a file: simulate again."
         )
-    nodes = run.nodes
+    nodes = run.every_step
     system = nodes.program.system
     terms = [*system.losses.values(), *system.supplies.values()]
     power = output_function(nodes.program, ca.vertcat(*terms)) if terms else None
@@ -135,7 +137,7 @@ def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
     times = np.unique([event.time for event in run.events if event.element in contacts])
     if not times.size:
         return 0.0
-    nodes = run.nodes
+    nodes = run.every_step
     first, last = np.searchsorted(nodes.time, times, side="left"), np.searchsorted(nodes.time, times, side="right") - 1
     fall = _evaluated(energy, nodes_at(nodes, first)) - _evaluated(energy, nodes_at(nodes, last))
     return math.fsum(fall.ravel()) if np.isfinite(fall).all() else math.nan  # of a motion that overflows
@@ -143,13 +145,13 @@ def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
 
 def gauss(run: Recorded, begin: float, end: float) -> Iterator[tuple[np.ndarray, Any]]:
     """Yield (weights [s], signals) at the Gauss points of every step between `begin` and `end`, in portions."""
-    nodes = run.nodes.time
+    nodes = run.every_step.time
     borders = np.unique(np.concatenate([[begin], nodes[(nodes > begin) & (nodes < end)], [end]]))
     for first in range(0, borders.size - 1, CHUNK):
         piece = borders[first : first + CHUNK + 1]
         width = np.diff(piece)
         times = piece[:-1, None] + width[:, None] * POINTS
-        yield (width[:, None] * WEIGHTS).ravel(), run.nodes.at(times.ravel())
+        yield (width[:, None] * WEIGHTS).ravel(), run.every_step.at(times.ravel())
 
 
 def nodes_at(nodes: Trajectory, chosen: np.ndarray) -> Samples:

@@ -146,7 +146,7 @@ class Record:
                 sticks.append([a, b])
         self.sticks = np.concatenate([self.sticks[:-1], np.array(sticks).reshape(-1, 2)])
         edges = np.linspace(run.begin, run.end, max(round((run.end - run.begin) / self.length), 1) + 1)
-        found = steps_of(run.nodes, self.signal, run.begin, run.end, tuple(edges[1:-1].tolist()))
+        found = steps_of(run.every_step, self.signal, run.begin, run.end, tuple(edges[1:-1].tolist()))
         self.steps.append(np.stack([found.begin, found.end, found.lowest, found.highest, found.integral]))
         first = np.searchsorted(found.begin, edges[:-1])
         window = np.minimum.reduceat(found.lowest, first), np.maximum.reduceat(found.highest, first)
@@ -156,7 +156,7 @@ class Record:
 
     def _span(self, run: Trajectory) -> FloatArray:
         """Range of the force of every contact over the second half of a piece, in parts of its largest value."""
-        late = run.nodes.at(np.linspace(0.5 * (run.begin + run.end), run.end, 65))
+        late = run.every_step.at(np.linspace(0.5 * (run.begin + run.end), run.end, 65))
         forces = [ca.SX(each.force) for each in run.program.system.elements if each.holds or each.name == self.element]
         force = late.computed(ca.vertcat(*forces)).reshape(65, -1)
         return np.asarray(np.ptp(force, axis=0) / np.maximum(np.abs(force).max(axis=0), 1e-300))

@@ -24,7 +24,7 @@ from toolbox.measuring.energy import energy_audit as energy_audit
 from toolbox.measuring.energy import gauss
 from toolbox.measuring.severity import Extent, check_definition, severity_of
 from toolbox.simulation.recorded import Recorded
-from toolbox.simulation.samples import scalar, window
+from toolbox.simulation.samples import check_run, scalar, window
 
 if TYPE_CHECKING:
     from toolbox.measuring.quintics import Steps
@@ -119,7 +119,7 @@ def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: N
 
 @dataclass(frozen=True)
 class StickSlipPeriod:
-    """One cycle of stick-slip [s]: slip for `slip` from the release at `start`, then stick for `stick`, until the next release.
+    """One cycle of stick-slip: slip from the release at `start` for the time `slip`, then stick for the time `stick` until the next release [s].
 
     Examples
     --------
@@ -136,7 +136,7 @@ class StickSlipPeriod:
 
     @property
     def period(self) -> float:
-        """From release to release [s]."""
+        """Time from one release to the next [s]."""
         return self.slip + self.stick
 
 
@@ -223,7 +223,7 @@ def extent(run: Recorded, signal: str, after: NumberOrText = 0.0, until: NumberO
     for values, times, sign in ((steps.lowest, steps.when_lowest, -1.0), (steps.highest, steps.when_highest, 1.0)):
         i = int(np.argmax(sign * values))
         value = scalar(
-            run.nodes.inside(steps.row[i : i + 1], times[i : i + 1]), signal
+            run.every_step.interpolated(steps.row[i : i + 1], times[i : i + 1]), signal
         )  # at the end of a step that on the near side of a jump
         found = (float(value[0]), float(times[i]))
         ends.append(max(found, (last, end), key=lambda pair: sign * pair[0]))
@@ -360,6 +360,7 @@ def severity(
     >>> print(f"{measure.severity(run, 'bit.speed', after=60.0):.2f}")
     1.35
     """
+    check_run(run)
     signal = rubbing_speed(run) if signal is None else signal
     reference = in_si(reference, run.unit(signal), "reference") if isinstance(reference, str) else reference
     check_definition(definition, reference)
@@ -432,7 +433,7 @@ def settling(
     low, high = max(float(when) for when, beyond in extrema if beyond > width), float(steps.end[last])
     while high - low > 2e-16 * max(high, begin):
         grid = np.linspace(low, high, 34)[1:-1]
-        left = np.flatnonzero(np.abs(scalar(run.nodes.at(grid), signal) - target) > width)
+        left = np.flatnonzero(np.abs(scalar(run.every_step.at(grid), signal) - target) > width)
         at = int(left[-1]) if left.size else -1
         step = (float(grid[at]) if at >= 0 else low, float(grid[at + 1]) if at + 1 < grid.size else high)
         if step == (low, high):
@@ -565,9 +566,9 @@ def _aimed(run: Recorded, signal: str, target: NumberOrText, size: NumberOrText 
 # ------------------------------------------------------------------------------------------------------------------------- unilateral contacts
 @dataclass(frozen=True)
 class Contact:
-    """What a unilateral contact went through: number of impacts, time closed [s], largest force [N] and largest speed of approach [m/s].
+    """Metrics of a unilateral contact: number of impacts, time closed [s], largest force [N] and largest approach speed [m/s].
 
-    A rigid contact takes an impact in an instant, so that its force is that while it is closed.
+    For a rigid contact, which takes an impact in an instant, the force is the force while the contact is closed.
     """
 
     impacts: int
@@ -609,7 +610,7 @@ def contact(run: Recorded, element: str, after: NumberOrText = 0.0, until: Numbe
     17
     """
     begin, end = window(run, after, until)
-    speeds = run.approach(element)
+    speeds = run.impact_speeds(element)
     times = np.array([e.time for e in run.events if e.element == element and e.before == "open"])
     speeds = speeds[(times >= begin) & (times <= end)] if times.size else speeds
     closed = run.time_in(element, "closed", begin, end)
@@ -624,10 +625,10 @@ def _steps(run: Recorded, signal: str, begin: float, end: float) -> Steps:
     """What a scalar signal does in every step; raises SceneError for an unknown name or a vector."""
     from toolbox.measuring.quintics import steps_of
 
-    scalar(run.nodes.at(np.array([begin])), signal)
-    return steps_of(run.nodes, signal, begin, end)
+    scalar(run.every_step.at(np.array([begin])), signal)
+    return steps_of(run.every_step, signal, begin, end)
 
 
 def _value(run: Recorded, signal: str, t: float) -> float:
     """Value of a scalar signal, on the far side of a jump."""
-    return float(scalar(run.nodes.at(np.array([t])), signal)[0])
+    return float(scalar(run.every_step.at(np.array([t])), signal)[0])

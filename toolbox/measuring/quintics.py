@@ -55,7 +55,7 @@ def steps_of(nodes: Trajectory | SavedSteps, signal: str, begin: float, end: flo
     row, left_t, right_t = _pieces(nodes.time, begin, end, cuts)
     lowest, highest, when_lowest, when_highest, integral = (np.full((row.size, 1), fill) for fill in (np.inf, -np.inf, np.nan, np.nan, 0.0))
     if isinstance(nodes, Stepped):
-        left, right = np.asarray(nodes.at(left_t)[signal]), np.asarray(nodes.inside(row, right_t)[signal])
+        left, right = np.asarray(nodes.at(left_t)[signal]), np.asarray(nodes.interpolated(row, right_t)[signal])
         for values, when in ((left, left_t), (right, right_t)):
             lower, higher = values < lowest[:, 0], values > highest[:, 0]
             lowest[lower, 0], when_lowest[lower, 0] = values[lower], when[lower]

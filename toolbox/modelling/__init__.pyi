@@ -3,8 +3,8 @@ from .elements import OptionalQuantities as OptionalQuantities
 from .elements import OptionalQuantity as OptionalQuantity
 from .elements import Quantities as Quantities
 from .laws import Takeover as Takeover
-from .observers import Observed as Observed
 from .observers import Observer as Observer
+from .observers import ObserverBasedController as ObserverBasedController
 from .one_way_clutch import OneWayClutch as OneWayClutch
 from .regularisation import smoothed as smoothed
 from .relay import Relay as Relay

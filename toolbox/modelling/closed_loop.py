@@ -42,32 +42,36 @@ from toolbox.vocabulary import new_names_only, refuse_former_names
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop(Printed):
-    """A plant with its controllers, inputs, parameters and start. `closed_loop` makes a loop, all functions take it, and `print` shows the
-    numbers of the controllers.
+    """Plant with its controllers, inputs, parameters and start values.
 
-    Two loops are equal where their plants, laws and numbers are; functions are equal where they are the same one.
+    `closed_loop` makes a loop, all functions take it, and `print` shows the numbers of its controllers. Two loops are
+    equal if their plants, controllers and numbers are equal. Two functions are equal only if they are the same object.
 
     Attributes
     ----------
     plant
-        The declared plant, on which the laws are designed.
+        The declared plant, on which the controllers are designed.
     controllers
-        The laws in the order given: a `Controller` acts continuously, `Sampled` with its period, delay, sensors and seed.
+        The controllers in the given order. A `Controller` acts continuously; a `Sampled` has its own period, delay,
+        sensors and seed.
     inputs
         {input, or parameter of the plant that changes in time: number, table, shape or expression of time}.
     parameters
-        {parameter of the plant or of a law: value}.
+        {parameter of the plant or of a controller: value}.
     start
-        {state: start value}; all other states start at 0.
+        {state: start value}. All other states start at 0.
     label
-        What tables and pictures call it.
+        Name of the loop in tables and figures.
     element, signal
-        The contact and the speed to judge; None where the only contact says it.
+        Names of the contact and of the speed that are judged. None if there is only one contact.
     duration, after, accuracy
-        Length of a run [s], time from which on it is judged [s], and its accuracy, where a scene says so.
-    effort, reference, standstill_speed
-        Where a scene says so: the input whose peak counts, the set-point of `signal`, as a number or as the input that is, and of a stop the value of
-        `signal` at which the machine stands.
+        Length of a run [s], time from which on it is judged [s], and its accuracy. Given for a loop from a scene.
+    effort
+        Input whose peak is reported. Given for a loop from a scene.
+    reference
+        Set-point of `signal`: a number, or the name of the input that gives it. Given for a loop from a scene.
+    standstill_speed
+        For a stop, the value of `signal` at which the machine counts as standing. Given for a loop from a scene.
 
     Examples
     --------
@@ -104,7 +108,7 @@ class ClosedLoop(Printed):
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = self.plant.with_parameters(own) if own else self.plant
         declared, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (self.plant, plant))
-        found = closed_system(declared, sharp, self.controllers, self.designed)
+        found = closed_system(declared, sharp, self.controllers, self.designed_controllers)
         system = found.system
         if len(own) < len(self.parameters):
             system = system.with_parameters({name: value for name, value in self.parameters.items() if name not in own})
@@ -112,15 +116,21 @@ class ClosedLoop(Printed):
         return found._replace(system=system.with_time_varying(changing) if changing else system, plant=plant)
 
     @cached_property
-    def designed(self) -> list[Any]:
+    def designed_controllers(self) -> list[Any]:
         """The laws as designed on the nominal plant, in order."""
         return designed_laws(self.plant, self.controllers)
 
     def replace(self, **changes: Any) -> ClosedLoop:
-        """The loop with other values of some of its fields; laws that stay keep their design."""
+        """Return the loop with other values of some of its fields. Controllers that stay keep their design.
+
+        Parameters
+        ----------
+        changes
+            {field: new value}.
+        """
         other = dataclasses.replace(self, **changes)
-        if "designed" in self.__dict__ and not {"plant", "controllers"} & changes.keys():
-            other.__dict__["designed"] = self.designed
+        if "designed_controllers" in self.__dict__ and not {"plant", "controllers"} & changes.keys():
+            other.__dict__["designed_controllers"] = self.designed_controllers
         return other
 
     @cached_property
@@ -135,19 +145,19 @@ class ClosedLoop(Printed):
 
     @property
     def input_kinds(self) -> tuple[tuple[str, Any], ...]:
-        """How each input is given, which is structure."""
+        """Kind of each input (number, table, shape or expression), which belongs to the structure of the compiled loop."""
         return self._given[0]
 
     @property
     def input_values(self) -> dict[str, Any]:
-        """{input: its checked value}: a float, a `Table`, a `Shape` or an expression of time."""
+        """Checked values of the inputs as {input: value}. A value is a float, a `Table`, a `Shape` or an expression of time."""
         return self._given[1]
 
     @cached_property
     def system(self) -> HybridSystem:
         """The plant with its laws as parts, as they run: sampled ones with memory and held signals, and the smooth friction of a plant that is smooth."""
         system, plant = self.assembly.system, self.assembly.plant
-        return smoothed(system, plant.widths, matched=plant.matched) if isinstance(plant, SmoothSystem) else system
+        return smoothed(system, plant.widths, match_static_peak=plant.match_static_peak) if isinstance(plant, SmoothSystem) else system
 
     @cached_property
     def continuous_loop(self) -> ClosedLoop:
@@ -162,7 +172,10 @@ class ClosedLoop(Printed):
         return self if inner == self.controllers else self.with_controllers(inner)
 
     def unsampled(self) -> ClosedLoop:
-        """Return the loop itself if no controller samples. Raises SceneError for a sample time, which a continuous form does not use."""
+        """Return the loop itself if no controller is sampled.
+
+        Raises SceneError if a controller is sampled, because its sample time would be ignored in the continuous form.
+        """
         if self.is_sampled:
             raise SceneError(
                 "Argument `loop` must hold laws in their continuous form, but it holds a sampled one, whose sample time and delay would be left out: "
@@ -171,33 +184,50 @@ class ClosedLoop(Printed):
         return self.continuous_loop
 
     def with_controllers(self, controllers: Iterable[Any]) -> ClosedLoop:
-        """The loop with its laws sampled, sensed or wrapped otherwise, in their order, each designed as it is."""
+        """Return the loop with other forms of its controllers: sampled, with sensors, or wrapped. Each keeps its design.
+
+        Parameters
+        ----------
+        controllers
+            The new controllers, in the order of the present ones.
+        """
         other = dataclasses.replace(self, controllers=tuple(controllers))
-        other.__dict__["designed"] = self.designed
+        other.__dict__["designed_controllers"] = self.designed_controllers
         return other
 
     @property
     def without_controllers(self) -> ClosedLoop:
-        """The loop without its laws, with those inputs and parameters that the plant alone has."""
+        """The loop without its controllers, with the inputs and parameters that belong to the plant."""
         own = {name: value for name, value in self.parameters.items() if self.plant.has_parameter(name)}
         inputs = {name: value for name, value in self.inputs.items() if name in self.plant.inputs or self.plant.has_parameter(name)}
         return dataclasses.replace(self, controllers=(), parameters=own, inputs=inputs)
 
     @property
     def is_sampled(self) -> bool:
-        """Whether a law of the loop samples."""
+        """Whether a controller of the loop is sampled."""
         return any(isinstance(law, Sampled) for law in self.controllers)
 
     @property
     def depends_on_time(self) -> bool:
-        """Whether time itself enters the equations of the plant or of a law, whatever the inputs are; nobody knows it of a law in Python."""
+        """Whether time appears explicitly in the equations of the plant or of a controller, apart from the inputs.
+
+        For a controller written in Python this cannot be determined, so such a controller is ignored.
+        """
         laws = [each for update in self.system.updates for each in (update.following, update.outputs)]
         return bool(ca.depends_on(ca.vertcat(self.system.switched_equations.field, *laws), self.system.t))
 
     def constant_inputs(self, function: str) -> dict[str, float]:
-        """Return the inputs as numbers. Raises SceneError if an input varies in time.
+        """Return the inputs as {input: number}.
 
-        The error says that the function of the name `function` needs constant inputs.
+        Parameters
+        ----------
+        function
+            Name of the function that needs constant inputs, for the error message.
+
+        Raises
+        ------
+        SceneError
+            If an input varies in time.
         """
         moving = next((name for name, value in self.input_values.items() if not isinstance(value, float)), None)
         if moving is not None:
@@ -207,8 +237,14 @@ class ClosedLoop(Printed):
         return dict(self.input_values)
 
     def target(self, signal: str) -> float | None:
-        """Return the value that a signal is to reach: the value of `reference`. None if no target is given."""
-        if isinstance(self.reference, str) and self.reference in self.numbers():
+        """Return the set-point of a signal in SI, from the field `reference`. None if the loop has no set-point.
+
+        Parameters
+        ----------
+        signal
+            The signal, whose unit a set-point given as text must have.
+        """
+        if isinstance(self.reference, str) and self.reference in self.variable_numbers():
             return self.number(self.reference).value
         return None if self.reference is None else number("reference", self.reference, self.system.signal_unit(signal))
 
@@ -219,13 +255,16 @@ class ClosedLoop(Printed):
 
     @property
     def title(self) -> str:
-        """The label of the loop, else the classes of its parts."""
+        """Label of the loop, or the classes of its parts if it has no label."""
         kinds = [type(law_of(part)).__name__ for part in self.plant.parts]
         return self.label or ", ".join([*kinds, *(described(law).partition(",")[0] for law in self.controllers)])
 
     # -------------------------------------------------------------------------------------------------------------------------------------- numbers
-    def numbers(self) -> dict[str, Number]:
-        """{name: every number of the loop that can be varied}, with unit, bounds, value, and the input that overrides it if one does."""
+    def variable_numbers(self) -> dict[str, Number]:
+        """Return all numbers of the loop that can be varied, as {name: number}.
+
+        A number has a unit, bounds and a value and, if an input overrides it, the name of this input.
+        """
         return numbers_in(self)
 
     @cached_property
@@ -236,8 +275,18 @@ class ClosedLoop(Printed):
         return {name: number.overridden for name, number in known if number is not None and number.overridden is not None}
 
     def number(self, name: str) -> Number:
-        """Return the number with this name, or with the only name that ends so: `proportional`. Raises SceneError for an unknown name, with
-        the most similar names."""
+        """Return one number of the loop.
+
+        Parameters
+        ----------
+        name
+            Its name, or the end of its name if no other name has this end, such as `proportional`.
+
+        Raises
+        ------
+        SceneError
+            If the name is unknown; the message lists the most similar names. Also if several names have this end.
+        """
         found = number_of(self, name)
         if found is not None:
             return found
@@ -245,7 +294,7 @@ class ClosedLoop(Printed):
             raise SceneError(f"Argument `parameter` must be the name of a number of the loop, but it is {name!r}.")
         if (now := former_name(self, name)) is not None:
             raise SceneError(f"The number `{name}` is named `{now}` now.")
-        known = self.numbers()
+        known = self.variable_numbers()
         ending = [each for each in known if each.endswith(f".{name}")]
         if len(ending) == 1:
             return known[ending[0]]
@@ -261,8 +310,18 @@ class ClosedLoop(Printed):
         raise SceneError(f"There is no number `{name}` in this loop: {suggest(name, known)}")
 
     def varied_number(self, name: str) -> Number:
-        """Return the number with this name, which is to vary. Raises SceneError if the name is unknown, or if an input overrides the number,
-        so that nothing would change."""
+        """Return one number of the loop that is to be varied.
+
+        Parameters
+        ----------
+        name
+            Its name, as for `number`.
+
+        Raises
+        ------
+        SceneError
+            If the name is unknown, or if an input overrides the number, so that a change would have no effect.
+        """
         number = self.number(name)
         if number.overridden is not None:
             given = number.overridden in self.system.inputs
@@ -271,8 +330,22 @@ class ClosedLoop(Printed):
         return number
 
     def differentiable_number(self, name: str, function: str, allowed: Callable[[Number], bool] = lambda number: False) -> Number:
-        """Return an input, a parameter of the equations, or a number for which `allowed` is true, for the function of the name `function`, which needs
-        derivatives. Raises SceneError for any other number."""
+        """Return one number of the loop for a function that needs derivatives: an input or a parameter of the equations.
+
+        Parameters
+        ----------
+        name
+            Its name, as for `number`.
+        function
+            Name of the function that needs derivatives, for the error message.
+        allowed
+            Function number -> bool. Other numbers for which it returns True are allowed too.
+
+        Raises
+        ------
+        SceneError
+            For any other number.
+        """
         number = self.varied_number(name)
         if not (number.kind.has_slope or allowed(number)):
             raise SceneError(f"Argument `{name}` must be an input or a parameter for `{function}`, but {number.kind.why}.")
@@ -283,15 +356,15 @@ class ClosedLoop(Printed):
         return number
 
     def at(self, name: str, value: NumberOrText) -> ClosedLoop:
-        """The loop with another value of one number.
+        """Return the loop with another value of one number.
 
-        A number that acts in the loop is changed where it acts, and gains that were designed stay as they are; a number that only the design of a law knows
-        designs this law anew.
+        The value is changed where the number acts in the loop, and designed gains stay as they are. If only the design
+        of a controller uses the number, this controller is designed again.
 
         Parameters
         ----------
         name
-            A name of `numbers()`.
+            A name of `variable_numbers()`.
         value
             Its value in SI, or text with a unit.
 
@@ -303,9 +376,18 @@ class ClosedLoop(Printed):
         return self.number(name).put(self, value)
 
     def with_parameters(self, given: Mapping[str, Any] | None) -> ClosedLoop:
-        """The loop with other values of parameters, whole tuples too, and of fields that only the design of a law knows; text may have units.
+        """Return the loop with other values of parameters.
 
-        Raises SceneError for an unknown name, and for a value out of its bounds.
+        Parameters
+        ----------
+        given
+            {parameter: value in SI, or text with a unit}. A parameter may be a whole tuple, or a field that only the
+            design of a controller uses.
+
+        Raises
+        ------
+        SceneError
+            If a name is unknown, or a value is out of its bounds.
         """
         loop, values = self, dict(self.parameters)
         for name, value in mapping("parameters", given).items():
@@ -324,7 +406,7 @@ class ClosedLoop(Printed):
     @cached_property
     def _key(self) -> tuple[Any, ...]:
         plant = self.plant.sharp if isinstance(self.plant, SmoothSystem) else self.plant
-        smooth = (tuple(self.plant.widths.items()), self.plant.matched) if isinstance(self.plant, SmoothSystem) else None
+        smooth = (tuple(self.plant.widths.items()), self.plant.match_static_peak) if isinstance(self.plant, SmoothSystem) else None
         inputs = tuple(sorted((name, _plain(value)) for name, value in self.input_values.items()))
         numbers = tuple(tuple(sorted((name, _plain(value)) for name, value in given.items())) for given in (self.parameters, self.start))
         named = tuple(getattr(self, each.name) for each in dataclasses.fields(self)[5:])  # what a scene says
@@ -360,8 +442,7 @@ class ClosedLoop(Printed):
 
     @property
     def controller_names(self) -> list[str]:
-        """Each controller with its sample time and the numbers that it takes on this plant, as an engineer types them into a drive, in the
-        units that were typed."""
+        """Description of each controller with its sample time and its numbers on this plant, in the typed units."""
         laws = zip(self.controllers, map(law_of, self.assembly.system.parts[len(self.assembly.plant.parts) :]), strict=True)
         known = [
             (given, law if isinstance(law, Controller) else getattr(given, "law", None)) for given, law in laws

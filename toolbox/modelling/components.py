@@ -21,18 +21,18 @@ from toolbox.vocabulary import Renamed
 
 @dataclass
 class Update(Renamed):
-    """The update of a sampled controller at a sample.
+    """Update of a sampled controller at a sample.
 
     Attributes
     ----------
     memory
-        {state of the law: its next value}.
+        {state of the controller: its next value}.
     outputs
-        {signal name: (value to be held, unit)}.
+        {signal name: (value that is held until the next sample, unit)}.
     from_callable
-        Whether the values come from a Python callable instead.
+        Whether a Python callable computes the values.
     noise
-        {name of a measured signal: symbol of its standard normal noise}.
+        {measured signal: symbol of its standard normal noise}.
     """
 
     memory: Mapping[State, Any]
@@ -43,9 +43,10 @@ class Update(Renamed):
 
 @dataclass
 class Equations(Renamed):
-    """The equations that a part adds to a plant. The method `equations` of a `Component` returns them.
+    """Equations that a part adds to a plant. The method `equations` of a `Component` returns them.
 
-    Energy and power are written from the physics, not from the flow, so that the energy audit can compare the two. States are given as signals automatically.
+    Write energy and power from the physics, not from the flow, so that the energy audit can compare both. States are
+    signals automatically.
 
     Attributes
     ----------
@@ -58,9 +59,9 @@ class Equations(Renamed):
     stored
         Stored energy [J].
     losses, supplies
-        {name: power [W]} that is dissipated, and that is put in.
+        {name: dissipated power [W]} and {name: supplied power [W]}.
     update
-        What a sampled law does at its samples; None for every other part.
+        Update of a sampled controller at its samples. None for every other part.
     """
 
     flow: Mapping[State, Any] = dataclasses.field(default_factory=dict)
@@ -78,10 +79,25 @@ Signal = Callable[..., ca.SX]
 
 @dataclass(frozen=True)
 class Component(Renamed, Declared):
-    """A part of a plant: subclass it as a frozen dataclass, declare numbers with `quantity`, write `equations`.
+    """Part of a plant. Write your own part as a frozen dataclass: declare its numbers with `quantity` and write `equations`.
 
-    The prefix of its parameter names is that of its first state (or first given signal). Two parts of a kind need `name=`, which
-    replaces that prefix.
+    The names of its parameters begin with the prefix of its first state, or of its first output signal if it has no
+    state. Two parts with the same prefix need the field `name`, which replaces the prefix.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from toolbox import Component, Equations, Quantity, compose, quantity, state
+    >>> @dataclass(frozen=True)
+    ... class Mass(Component):
+    ...     mass: Quantity = quantity(2.0, "kg", "mass", above=0)
+    ...
+    ...     def equations(self, signal):
+    ...         v = state("mass.speed", "m/s")
+    ...         return Equations(flow={v: signal("mass.force", "N", default=0.0) / self.mass}, stored=self.mass * v**2 / 2)
+    >>> plant = compose(Mass())
+    >>> print(plant)
+    HybridSystem(Mass): 1 states (mass.speed); contacts: none; inputs: mass.force [N]
     """
 
     name: str | None = dataclasses.field(default=None, kw_only=True)
@@ -90,7 +106,13 @@ class Component(Renamed, Declared):
         fields_in_si(self)
 
     def equations(self, signal: Signal) -> Equations:
-        """The equations of the part; numeric fields of `self` are casadi symbols here."""
+        """Return the equations of the part. In this method the numeric fields of `self` are casadi symbols.
+
+        Parameters
+        ----------
+        signal
+            Function `signal(name, unit, default=...)` that returns the expression of a signal that the part needs.
+        """
         raise SceneError(
             f"The part {type(self).__name__} must have a method `equations(self, signal)` that returns Equations, but it has none."
         )
@@ -100,14 +122,15 @@ class Component(Renamed, Declared):
 
     @property
     def signal_limits(self) -> Mapping[str, tuple[float | None, float | None]]:
-        """{signal: (lowest, highest)} that the part keeps a signal within, for whoever draws it; None is no limit."""
+        """Limits within which the part keeps signals, for figures, as {signal: (lowest, highest)}. None means no limit."""
         return {}
 
     @property
     def redirected_signals(self) -> Mapping[str, str]:
-        """{signal that control laws name: signal they find in its place while this part is in the plant}; none for most parts.
+        """Signals that this part redirects, as {signal used by the controllers: signal connected instead}.
 
-        A part that stands between control laws and what they drive, such as an actuator, needs no other laws: {"top.torque": "drive.command"}.
+        Empty for most parts. With it an actuator can be inserted without a change of the controllers: {"top.torque":
+        "drive.command"}.
         """
         return {}
 

@@ -59,9 +59,14 @@ def compose(*components: Component) -> HybridSystem:
     Raises
     ------
     SceneError
-        If no part is given, a type is wrong, a parameter is out of bounds, two parts have one name, one name has
-        different units, a signal without default is missing, there is an algebraic loop, an equation holds a NaN, or
-        the force of a contact does not act on its slip.
+        If one of these is true; the message names it.
+
+        - No part is given, or a part has a wrong type.
+        - A parameter is out of its bounds.
+        - Two parts have the same name, or one signal name has different units.
+        - A signal without a default is missing.
+        - There is an algebraic loop, or an equation contains a NaN.
+        - The force of a contact does not act on its slip.
 
     Examples
     --------

@@ -63,7 +63,7 @@ class SampledUpdate(NamedTuple):
         {state of the memory: (first row, size or None)}.
     first_held
         Row of the vector `held` at which its outputs begin.
-    external
+    from_callable
         Whether a Python callable computes the outputs.
     noise, channels
         Symbols of the noise of a sample, and the measured signals that they belong to.
@@ -81,14 +81,14 @@ class SampledUpdate(NamedTuple):
 
 
 class HybridSystem(Renamed):
-    """A composed plant in normal form. `compose` makes it; `simulate`, `linearise` and the others read it.
+    """Composed plant in normal form. `compose` makes it; `simulate`, `linearise` and the other functions read it.
 
     Attributes
     ----------
     t, x, u, p, F, m
         Casadi symbols: time, states, inputs, parameters, forces and modes.
     flow
-        x' as an expression of them.
+        Expression of x' in these symbols.
     states
         {name: (first row of x, size or None for a scalar, unit)}.
     signals
@@ -102,25 +102,26 @@ class HybridSystem(Renamed):
     modeless
         {contact without modes: name of its friction law, which has a memory}.
     begin
-        Where states start unless a run says otherwise, shape (n,): 0, or what a law with memory declares.
+        Default start values of the states, shape (n,): 0, or the values that a law with memory declares.
     values
         Declared parameter values, shape (n_p,).
     shared_modes
-        {friction: (friction on the same slip whose mode it has, sign of its slip against that one)}.
+        {friction: (another friction on the same slip whose mode it shares, sign of its slip relative to that slip)}.
     owners
-        {state or element: index of the part that has it}.
+        {state or element: index of the part to which it belongs}.
     held
-        Symbols of the signals that sampled laws hold.
+        Symbols of the signals that sampled controllers hold.
     updates
-        Those laws.
+        The updates of the sampled controllers.
     redirected_signals
-        {signal that control laws name: what they find in its place}.
+        {signal used by the controllers: signal to which they are connected instead}.
     cache
-        What is computed or compiled once per structure.
+        Results that are computed or compiled once per structure.
     typed_units
-        {unit: unit that was typed} in the scene that the plant is of; None without one.
+        {SI unit: unit that was typed} in the scene of the plant. None without a scene.
     parameter_check
-        Raises SceneError for numbers with which the forces of the plant cannot act as they must; None where nothing is asked.
+        Function that raises SceneError for parameter values with which the forces of the plant cannot act. None if
+        there is no such condition.
 
     Examples
     --------
@@ -165,7 +166,7 @@ class HybridSystem(Renamed):
 
     @property
     def display_units(self) -> Mapping[str, str]:
-        """{SI unit: unit that was typed}, the units of answers about the plant: the units of its scene, else of the fields of its parts."""
+        """Units of results about the plant, as {SI unit: unit that was typed}: the units of its scene, else of the fields of its parts."""
         return self._typed if self.typed_units is None else self.typed_units
 
     def __repr__(self) -> str:
@@ -185,27 +186,27 @@ class HybridSystem(Renamed):
 
     @property
     def switched_equations(self) -> Switching:
-        """Fields, forces and guards with modes as numeric input, in the symbols t, x, u, p, m."""
+        """Right-hand sides, forces and guards, with the modes as numeric input, in the symbols t, x, u, p, m."""
         return self.once("switching", lambda: switching(self.t, self.x, self.flow, self.elements))
 
     @property
     def rhs(self) -> ca.Function:
-        """casadi Function (t, x, u, p, m) -> dx/dt; m holds one of 0, 1, -1 per element."""
+        """Casadi Function (t, x, u, p, m) -> dx/dt. m holds 0, 1 or -1 for each element."""
         return self.function("rhs", self.switched_equations.field, "dx")
 
     @property
     def force_function(self) -> ca.Function:
-        """casadi Function (t, x, u, p, m) -> forces of the elements."""
+        """Casadi Function (t, x, u, p, m) -> forces of the elements."""
         return self.function("forces", self.switched_equations.force, "F")
 
     @property
     def slip_function(self) -> ca.Function:
-        """casadi Function (t, x, u, p, m) -> slips of the elements."""
+        """Casadi Function (t, x, u, p, m) -> slips of the elements."""
         return self.function("slips", ca.densify(self.switched_equations.slip), "v")
 
     @property
     def input_defaults(self) -> ca.Function:
-        """casadi Function p -> defaults of the inputs."""
+        """Casadi Function p -> default values of the inputs."""
 
         def made() -> ca.Function:
             defaults = ca.vertcat(ca.SX(0, 1), *[entry.default for entry in self.inputs.values()])
@@ -214,18 +215,36 @@ class HybridSystem(Renamed):
         return self.once("input_defaults", made)
 
     def function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
-        """casadi Function (t, x, u, p, m) -> expression, made once per name and structure."""
+        """Return the casadi Function (t, x, u, p, m) -> expression. It is made once per name and structure.
+
+        Parameters
+        ----------
+        name
+            Name of the function.
+        expression
+            The expression in the symbols t, x, u, p and m.
+        output
+            Name of its output.
+        """
         symbols, names = [self.t, self.x, self.u, self.p, self.m], ["t", "x", "u", "p", "m"]
         return self.once(name, lambda: ca.Function(name, symbols, [ca.densify(expression)], names, [output]))
 
     def once(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return the result of `make`, which is called once for all plants of this structure."""
+        """Return a result that is computed once for all plants of this structure.
+
+        Parameters
+        ----------
+        key
+            Key of the result in the cache.
+        make
+            Function without arguments that computes the result if it is not in the cache.
+        """
         if key not in self.cache:
             self.cache[key] = make()
         return self.cache[key]
 
     def to_casadi(self) -> dict[str, ca.SX]:
-        """The plant as a casadi semi-explicit description: x, u, p (with m appended), t and ode, for other casadi tools."""
+        """Return the plant as a casadi description {"t", "x", "u", "p", "ode"} for other casadi tools. p contains p and then m."""
         return {"t": self.t, "x": self.x, "u": self.u, "p": ca.vertcat(self.p, self.m), "ode": self.switched_equations.field}
 
     def __copy__(self) -> HybridSystem:
@@ -234,7 +253,10 @@ class HybridSystem(Renamed):
         return twin
 
     def state_index(self, name: str) -> tuple[int, int | None, str] | None:
-        """(first row of x, size or None, unit) of a state or of one entry of a vector state (`chain.speed.0`); None for any other name."""
+        """Return (first row of x, size or None, unit) of a state or of one entry of a vector state (`chain.speed.0`).
+
+        Returns None for any other name.
+        """
         if not isinstance(name, str):
             return None
         if name in self.states:
@@ -245,16 +267,19 @@ class HybridSystem(Renamed):
         return None
 
     def has_signal(self, name: object) -> bool:
-        """True for a signal, an input, or one entry of a vector state."""
+        """Return True if the name is a signal, an input, or one entry of a vector state."""
         return isinstance(name, str) and (name in self.signals or name in self.inputs or self.state_index(name) is not None)
 
     def has_parameter(self, name: str) -> bool:
-        """True for a parameter, or one entry of a tuple of them."""
+        """Return True if the name is a parameter, or one entry of a tuple of parameters."""
         head, _, tail = name.rpartition(".")
         return name in self.parameters or (head in self.parameters and tail.isdigit() and int(tail) < (self.parameters[head].size or 0))
 
     def unit(self, name: str) -> str:
-        """Unit of a signal, an input, a parameter, or one entry of a vector state or tuple; raises SceneError for an unknown name."""
+        """Return the unit of a signal, an input, a parameter, or one entry of a vector state or tuple.
+
+        Raises SceneError if the name is unknown.
+        """
         if isinstance(name, str) and self.has_signal(name):
             return self.signal_unit(name)
         if not isinstance(name, str) or not self.has_parameter(name):
@@ -264,14 +289,18 @@ class HybridSystem(Renamed):
         return self._parameter(name).unit
 
     def element(self, name: str) -> Element:
-        """The element of that name; raises SceneError for any other."""
+        """Return the element with this name. Raises SceneError if there is no such element."""
         found = next((element for element in self.elements if element.name == name), None)
         if found is None:
             raise self.unknown_element_error(name)
         return found
 
     def element_modes(self, name: str) -> tuple[int, Mapping[int, str]]:
-        """(number of the element whose mode an element has, {mode of that one: word}): of a friction on the slip of another, the other one's."""
+        """Return the index of the element that holds the mode of an element, and the names of its modes as {mode: name}.
+
+        The two elements differ for a friction that shares the slip of another friction: the mode is then the mode of
+        the other one.
+        """
         element = self.element(name)
         names = [each.name for each in self.elements]
         if name not in self.shared_modes:
@@ -281,7 +310,7 @@ class HybridSystem(Renamed):
         return names.index(leader), {int(side * mode): word for mode, word in element.mode_names.items()}
 
     def unknown_element_error(self, name: str) -> SceneError:
-        """The error of a name that is no element: a contact without modes is none."""
+        """Return the error to raise if a name is not an element. A contact without modes does not count as an element."""
         if name in self.modeless:
             return SceneError(
                 f"`{name}` has no modes and never sticks exactly, because its friction law, {self.modeless[name]}, has a memory: judge the severity of a "
@@ -290,25 +319,28 @@ class HybridSystem(Renamed):
         return SceneError(f"There is no element `{name}`: {suggest(name, [element.name for element in self.elements])}")
 
     def signal_unit(self, name: str) -> str:
-        """Unit of a signal, an input, or one entry of a vector state; raises SceneError for any other name."""
+        """Return the unit of a signal, an input, or one entry of a vector state. Raises SceneError for any other name."""
         rows = self.state_index(name)
         if rows is not None:
             return rows[2]
         return self.signals[name][1] if isinstance(name, str) and name in self.signals else self._input(name).unit
 
     def expression(self, name: str) -> ca.SX:
-        """A signal, an input, or one entry of a vector state in the symbols t, x, u, p, F and m; raises SceneError for an unknown name."""
+        """Return a signal, an input, or one entry of a vector state as an expression in the symbols t, x, u, p, F and m.
+
+        Raises SceneError if the name is unknown.
+        """
         if isinstance(name, str) and name in self.signals:
             return self.signals[name][0]
         rows = self.state_index(name)
         return self._input(name).symbol if rows is None else self.x[rows[0]]
 
     def substitute_forces(self, expression: ca.SX) -> ca.SX:
-        """An expression with the forces of the elements as they follow from t, x, u, p and m."""
+        """Return an expression in which the symbols F are replaced by the forces as functions of t, x, u, p and m."""
         return ca.substitute(expression, self.F, self.switched_equations.force) if self.elements else expression
 
     def input(self, name: str) -> Input:
-        """The input of that name; raises SceneError for any other."""
+        """Return the input with this name. Raises SceneError if there is no such input."""
         if name in self.inputs:
             return self.inputs[name]
         if name in self.signals:
@@ -321,7 +353,7 @@ class HybridSystem(Renamed):
         return self.inputs[name]
 
     def parameter(self, name: str) -> Any:
-        """Declared value of a parameter in SI: a float, or an array for a tuple; raises SceneError for an unknown name."""
+        """Return the declared value of a parameter in SI: a float, or an array for a tuple. Raises SceneError if the name is unknown."""
         entry = self._parameter(name)
         if entry.size is None:
             return float(self.values[entry.offset])
@@ -340,7 +372,18 @@ class HybridSystem(Renamed):
         raise SceneError(f"There is no parameter `{name}`: {suggest(name, self.parameters)}")
 
     def with_parameters(self, values: Mapping[str, Any]) -> HybridSystem:
-        """The same plant with other parameter values; nothing is compiled. Raises SceneError as `compose` does."""
+        """Return the plant with other parameter values. Nothing is compiled.
+
+        Parameters
+        ----------
+        values
+            {parameter: value in SI, or text with a unit}.
+
+        Raises
+        ------
+        SceneError
+            If a name is unknown or a value is refused, as by `compose`.
+        """
         changed = copy.copy(self)
         changed.values = self.values.copy()
         for name, value in mapping("parameters", values).items():
@@ -366,10 +409,20 @@ class HybridSystem(Renamed):
         return changed
 
     def with_time_varying(self, names: Sequence[str]) -> HybridSystem:
-        """Return the same plant with scalar parameters as inputs of the same names, so that a run may change them in time.
+        """Return the plant with scalar parameters as inputs of the same names, so that a run may change them in time.
 
-        Use it for rock that gets harder on the way. Raises SceneError for an unknown name, for a tuple, and for a parameter that the stored energy depends
-        on: changing a spring or an inertia in time does work that no part accounts for.
+        An example is rock that becomes harder with depth.
+
+        Parameters
+        ----------
+        names
+            Names of the parameters.
+
+        Raises
+        ------
+        SceneError
+            If a name is unknown or a tuple, or if the stored energy depends on the parameter. A spring or an inertia
+            that changes in time does work that no part would account for.
         """
         if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
             raise SceneError(f"Argument `names` must be names of parameters, but it is {names!r}.")
@@ -401,7 +454,13 @@ class HybridSystem(Renamed):
         return twin
 
     def mapped(self, change: Callable[[ca.SX], ca.SX]) -> HybridSystem:
-        """Return a copy with all expressions changed and nothing compiled yet."""
+        """Return a copy in which every expression is changed, and nothing is compiled yet.
+
+        Parameters
+        ----------
+        change
+            Function that returns the changed expression.
+        """
         twin = copy.copy(self)
         twin.flow, twin.elements = change(self.flow), tuple(element.mapped(change) for element in self.elements)
         twin.signals = {name: (change(expression), unit) for name, (expression, unit) in self.signals.items()}

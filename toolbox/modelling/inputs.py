@@ -33,16 +33,17 @@ UNITS: dict[str, dict[str, str]] = {
 
 @dataclass(frozen=True)
 class Table:
-    """Linear between nodes, constant outside; a repeated time is a jump.
+    """Input given by a table: linear between nodes, constant outside. A repeated time is a jump.
 
     Attributes
     ----------
     times, values
-        Nodes; times [s] do not decrease.
+        Nodes. The times [s] do not decrease.
     typed
         Values as they were typed.
     shape, numbers
-        The function of this module that made the table, and its numbers by name; empty for one that was given as it is.
+        The function of this module that made the table, and its numbers by name. Empty for a table that was given
+        directly.
 
     Examples
     --------
@@ -61,7 +62,7 @@ class Table:
 
     @staticmethod
     def of(name: str, times: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray) -> Table:
-        """A checked table; raises SceneError naming the input."""
+        """Return a checked table. Raises SceneError, which names the input."""
         t, v = finite_array(times), finite_array(values)
         if t is None or v is None:
             raise SceneError(f"Argument `{name}` must be (times, values) of finite numbers, but it is ({times!r}, {values!r}).")
@@ -72,7 +73,7 @@ class Table:
         return Table(t, v)
 
     def segments(self) -> np.ndarray:
-        """(begin, value there, slope, time of that value) for every linear piece, shape (pieces, 4); the first begins at -infinity."""
+        """Linear pieces of the table, shape (pieces, 4): begin, value there, slope, and time of this value. The first piece begins at -infinity."""
         width = np.append(np.diff(self.times), np.inf)
         rise = np.append(np.diff(self.values), 0.0)
         kept = width > 0.0  # of a time that is repeated the last value holds
@@ -91,7 +92,7 @@ class Shape:
     numbers: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
 
     def expression(self, t: ca.SX, c: ca.SX) -> ca.SX:
-        """The formula in the symbols of time and coefficients."""
+        """Return the formula as an expression of the symbols of time and coefficients."""
         return _FORMULAS[self.kind](t, c)
 
     def range(self) -> tuple[float, float]:
@@ -109,7 +110,7 @@ class Typed:
     numbers: Mapping[str, Any]
 
     def made(self, name: str, unit: str) -> Table | Shape:
-        """The shape as input of a signal in its unit; raises SceneError for a value that does not fit."""
+        """Return the shape as input of a signal in its unit. Raises SceneError if a value does not fit."""
         units = UNITS[self.shape.__name__]
         return _made(self.shape, {key: parse(value, units[key] or unit, f"{name}.{key}") for key, value in self.numbers.items()})
 

@@ -5,7 +5,7 @@ held from t_k + delay on; delays may exceed the period, then several outputs are
 law saw it when it computed the outputs that are held.
 
 Why noise is a function and not a generator: the noise of a sample depends on (seed, name of the signal, number of the sample) and on nothing
-else, so that the second run of `run.error`, a run interrupted and continued, and a run among thousands see the same measurements.
+else, so that the second run of `run.error_estimate`, a run interrupted and continued, and a run among thousands see the same measurements.
 """
 
 from __future__ import annotations
@@ -36,12 +36,33 @@ SIGNALS = ("measured_signals", "actuated_signals")
 
 @dataclass(frozen=True)
 class Controller(Component):
-    """A control law: subclass it as a frozen dataclass and write `continuous`, `sampled` or both.
+    """Control law. Write your own controller as a frozen dataclass: write `continuous`, `sampled` or both.
 
-    `measured_signals` and `actuated_signals` are the names of the signals that the controller reads and gives; a controller that declares no
-    `measured_signals` may read any. Its numeric fields are casadi symbols inside both methods, so that another gain never recompiles. `design(plant)` is
-    called once on the declared values of the plant and returns the law to be used: a `Controller`, or for laws that no casadi expression holds a callable
-    (t, y) -> u (see `Sampled`).
+    `measured_signals` and `actuated_signals` name the signals that the controller reads and gives. A controller that
+    declares no `measured_signals` may read any signal. In both methods its numeric fields are casadi symbols, so
+    another gain needs no new compilation.
+
+    `design(plant)` is called once, with the declared values of the plant. It returns the controller that is used: a
+    `Controller`, or a callable (t, y) -> u if the controller cannot be written as a casadi expression (see `Sampled`).
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from models import BitRock, wells
+    >>> from toolbox import Controller, Equations, Quantity, compose, quantity, simulate
+    >>> @dataclass(frozen=True)
+    ... class Proportional(Controller):
+    ...     measured_signals = ("top.speed",)
+    ...     actuated_signals = ("top.torque",)
+    ...     gain: Quantity = quantity(2000.0, "N m s/rad", "gain", above=0)
+    ...     reference: Quantity = quantity(20.0, "rad/s", "set-point")
+    ...
+    ...     def continuous(self, signal):
+    ...         error = self.reference - signal("top.speed", "rad/s")
+    ...         return Equations(outputs={"top.torque": (self.gain * error, "N m")})
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="60 kN")), "60 s", controller=Proportional())
+    >>> print(f"{run['top.speed'][-1]:.1f} rad/s")
+    14.3 rad/s
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ()
@@ -50,20 +71,45 @@ class Controller(Component):
     """The only sample time [s] at which the law may run; None for any."""
 
     def design(self, plant: HybridSystem) -> Any:
-        """The law with gains filled in from the plant; by default itself."""
+        """Return the controller with its missing numbers taken from the plant. By default returns itself.
+
+        Parameters
+        ----------
+        plant
+            The plant.
+        """
         return self
 
     def continuous(self, signal: Signal) -> Equations:
-        """The law as equations of a part."""
+        """Return the continuous form as the equations of a part.
+
+        Parameters
+        ----------
+        signal
+            Function `signal(name, unit, default=...)` that returns the expression of a signal.
+        """
         raise SceneError(f"{type(self).__name__} has no continuous form: {self._instead('sampled', 'give `sample_time`')}.")
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
-        """The law as an update at every sample; `period` [s] is a symbol."""
+        """Return the sampled form: the update at every sample.
+
+        Parameters
+        ----------
+        signal
+            Function `signal(name, unit, default=...)` that returns the expression of a signal.
+        period
+            Symbol of the sample time [s].
+        """
         raise SceneError(f"{type(self).__name__} has no sampled form: {self._instead('continuous', 'leave out `sample_time`')}.")
 
     def check_period(self, period: float) -> None:
-        """Raise SceneError if the sampled form of the designed controller does not work with a sample time [s]. By default every sample time
-        is allowed."""
+        """Raise SceneError if the sampled form does not work with a sample time. By default every sample time is allowed.
+
+        Parameters
+        ----------
+        period
+            Sample time [s].
+        """
 
     def _instead(self, form: str, remedy: str) -> str:
         """What to do where one form is missing; form: the other one."""
@@ -189,33 +235,46 @@ class Sensors(Component):
 
 @dataclass(frozen=True)
 class Sampled(Renamed):
-    """A law with its own sample time, delay and sensors: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
+    """Controller with its own sample time, delay and sensors.
 
-    All laws that sample at one instant read what was held before it, in whatever order they are listed: the set-point of an outer law reaches an inner one
-    that samples with it one sample later. Period, delay, noise and resolution may be text with a unit: `Sampled(law, "10 ms", delay="30 ms")`.
+    In a cascade each controller has its own: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
+    Controllers that sample at the same instant read the values that were held before, in any order of the list. The
+    set-point of an outer controller therefore reaches an inner controller that samples at the same instant one sample
+    later.
+
+    Period, delay, noise and resolution may be text with a unit: `Sampled(law, "10 ms", delay="30 ms")`.
 
     Parameters
     ----------
     law
-        A `Controller`, or any callable (t, y) -> u. y is in the order of what it measures, u a number or a sequence in the order of what it drives. With an
-        attribute `defaults` {signal: (value, unit)} these signals follow in y, as inputs that take that value where nobody gives them, such as
-        `top.reference`. A callable object is copied (`copy.deepcopy`) for every run, so that each run starts from the state it was given in; a plain
-        function is called as it is and should keep no state. What a run remembers at its end, `run.last`, holds a copy of the object, or, where it has the
-        methods `get_memory() -> array of numbers` and `set_memory(array)`, these numbers: all that its next answers depend on, the number of samples so far
-        if need be. Then the object need not be copied, and how a disturbance grows can be told from differences.
+        A `Controller`, or any callable (t, y) -> u. y holds the measured signals in order; u is a number, or a sequence
+        of the actuated signals in order.
+
+        A callable may have an attribute `defaults` {signal: (value, unit)}, for example for `top.reference`. These
+        signals follow in y. They are inputs with this value as default.
+
+        A callable object is copied (`copy.deepcopy`) for every run, so that each run starts from the same state. A
+        plain function is called as it is and should keep no state.
+
+        A callable object may have the methods `get_memory() -> array of numbers` and `set_memory(array)`. The array
+        must hold everything on which the next outputs depend, including the number of samples if it matters. `run.last`
+        then holds this array instead of a copy of the object, and the growth of a disturbance can be computed from
+        differences.
     period
         Sample time [s], > 0.
     delay
-        Time from a sample until its outputs take effect [s], >= 0; it may exceed the period.
+        Time from a sample until its outputs take effect [s], >= 0. It may exceed the period.
     noise
         {measured signal: standard deviation of white noise}, in the unit of the signal.
     resolution
-        {measured signal: step of its encoder}, in the unit of the signal; noise is added before the encoder.
+        {measured signal: step of its encoder}, in the unit of the signal. The noise is added before the encoder.
     seed
-        Seed of the noise, an integer >= 0. Laws with one seed see the same noise on the same signal at samples of the same number.
+        Seed of the noise, an integer >= 0. Controllers with the same seed get the same noise on the same signal at
+        samples with the same number.
     measured_signals, actuated_signals
-        What a callable reads and gives; by default its own attributes of these names, else the first force or torque that the plant takes, and
-        the speed at the same place, such as `top.torque` and `top.speed`.
+        Names of the signals that a callable reads and gives. By default its own attributes of these names. If it has
+        none: the first force or torque that the plant takes, and the speed at the same place, such as `top.torque` and
+        `top.speed`.
 
     Examples
     --------
@@ -242,7 +301,13 @@ class Sampled(Renamed):
             object.__setattr__(self, word, in_si(getattr(self, word), "s", word))
 
     def with_sensor_units(self, unit: Callable[[str], str]) -> Sampled:
-        """The same with noise and resolution as numbers; unit: that of a signal."""
+        """Return the same controller with noise and resolution as numbers in SI.
+
+        Parameters
+        ----------
+        unit
+            Function that returns the unit of a signal.
+        """
         sensors: dict[str, Any] = {}
         for word in ("noise", "resolution"):
             given = getattr(self, word)
@@ -251,7 +316,11 @@ class Sampled(Renamed):
         return dataclasses.replace(self, **sensors) if sensors else self
 
     def check(self) -> None:
-        """Raise SceneError unless period > 0, delay >= 0, noise >= 0, resolution > 0, seed is an integer >= 0, and only a callable is told its signals."""
+        """Raise SceneError if a number is out of range.
+
+        Conditions: period > 0, delay >= 0, noise >= 0, resolution > 0, and seed an integer >= 0. `measured_signals` and
+        `actuated_signals` may be given only for a callable.
+        """
         for word in SIGNALS:
             told = getattr(self, word)
             if told is None:
@@ -270,7 +339,10 @@ class Sampled(Renamed):
                 refuse(f"Argument `{word}` of `{name}`", value, "1", bounds)
 
     def sensors(self, measured: Sequence[str]) -> Sensors:
-        """The sensors of a law that measures these signals; raises SceneError for a name that is not among them."""
+        """Return the sensors of a controller with these measured signals.
+
+        Raises SceneError if `noise` or `resolution` names another signal.
+        """
         for word, given in (("noise", self.noise), ("resolution", self.resolution)):
             for name in given:
                 if name not in measured:
@@ -334,7 +406,7 @@ class External(Component):
     actuated_signals: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     wanted: tuple[str, ...] = ()
-    defaults: OptionalQuantities = quantity(None, "1", "defaults of the last signals that it measures")
+    defaults: OptionalQuantities = quantity(None, "1", "defaults of the last measured signals")
     sensors: Sensors = field(default_factory=Sensors)
 
     def equations(self, signal: Signal) -> Equations:
@@ -451,21 +523,29 @@ def _told(name: str, known: Iterable[str], sampled: Sampled, plant: HybridSystem
 
 @dataclass(frozen=True)
 class Takeover(Controller):
-    """Two sampled controllers, one until a time and the other afterwards: a drive that is switched on in the middle of a run.
+    """Two sampled controllers in one run: the first until a time, the second after it, as a drive that is switched on.
 
-    The memory of `after` stays at its start values until then; that of `before`, recorded as `before.<name>`, stops.
-    What only one of them gives is recorded throughout. There is no continuous form. Where one of them is designed as a
-    callable, such as a predictive law, the whole is one, and `run.laws[0].inside` holds that law. Raises SceneError
-    where `before` drives what `after` does not.
+    Until the takeover the memory of `after` keeps its start values. After it the memory of `before`, which is recorded
+    as `before.<name>`, stays constant. Signals that only one of them gives are recorded all the time. There is no
+    continuous form.
+
+    If one of them is designed as a Python callable, such as a predictive controller, the whole controller becomes a
+    callable, and `run.controllers[0].inside` holds the inner one.
 
     Parameters
     ----------
     before, after
-        Laws; what only `after` drives is until then as its memory at the start has it.
+        The controllers. A signal that only `after` gives has, before the takeover, the value that `after` gives with
+        the start values of its memory.
     at
         Time of the takeover [s].
     name
         Name of the part.
+
+    Raises
+    ------
+    SceneError
+        If `before` gives a signal that `after` does not give.
 
     Examples
     --------
@@ -485,11 +565,11 @@ class Takeover(Controller):
 
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The outputs of the second controller. The first controller drives all or some of them."""
+        """Names of the outputs: the outputs of the second controller. The first controller gives all or some of them."""
         return self.after.actuated_signals
 
     def design(self, plant: HybridSystem) -> Controller:
-        """Both laws designed on the plant."""
+        """Return the takeover with both controllers designed on the plant."""
         return dataclasses.replace(self, before=designed(self.before, plant), after=designed(self.after, plant))
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:

@@ -146,7 +146,7 @@ class ClockKind(NumberKind):
     def check(self, loop: Loop, name: str, values: Iterable[float]) -> None:
         """Raise SceneError where the controller does not bear one of the values."""
         index = sampled_owner(loop, name)
-        law, dt = loop.designed[index], getattr(loop.designed[index], "dt", None)
+        law, dt = loop.designed_controllers[index], getattr(loop.designed_controllers[index], "dt", None)
         for value in values:
             refuse(f"Argument `{name}`", value, "s", {"above": 0.0} if self.field == "period" else {"at_least": 0.0})
             if self.field == "period" and dt is not None and abs(value - dt) > 1e-9 * dt:

@@ -327,7 +327,7 @@ def law_with_numbers(loop: Loop) -> Any:
         with contextlib.suppress(SceneError, np.linalg.LinAlgError):
             if np.array_equal(loop.replace(controllers=(written, *loop.controllers[1:]), parameters=plant).system.values, system.values):
                 return written
-    return as_sampled(given, rebuilt(loop.designed[0], system.values, sum(len(numbers_of(part)) for part in loop.plant.parts)))
+    return as_sampled(given, rebuilt(loop.designed_controllers[0], system.values, sum(len(numbers_of(part)) for part in loop.plant.parts)))
 
 
 def _declared(node: Any, path: list[str]) -> bool:

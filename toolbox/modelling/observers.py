@@ -1,7 +1,7 @@
 """Observers, and laws that act on their estimates instead of on measurements.
 
 An observer is written like a law: it reads what is measured and what is commanded, has states, and gives its estimates under the names of the
-signals they stand for. `Observed(law, observer)` closes the loop: wherever the law asks for a signal that the observer estimates, it gets the
+signals they stand for. `ObserverBasedController(law, observer)` closes the loop: wherever the law asks for a signal that the observer estimates, it gets the
 estimate of the same sample, and wherever the observer asks for a signal that the law drives, it gets the command.
 """
 
@@ -45,16 +45,17 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True)
 class Observer(Controller):
-    """An observer: like a law it has `sampled` and `continuous`, whose outputs are estimates under the names of the signals they estimate.
+    """Observer, for use inside `ObserverBasedController`. Write `sampled` and `continuous` as for a controller.
 
-    `measures` names what it reads and `estimates` what it gives. Estimates must depend on measurements and states only, not on the command of the same
-    instant. It is used inside `Observed`.
+    The outputs of these methods are estimates, under the names of the signals that they estimate. `measured_signals`
+    names the signals that the observer reads, and `estimates` the signals that it estimates. Estimates must depend only
+    on measurements and states, not on the command of the same instant.
     """
 
     estimates: ClassVar[tuple[str, ...]] = ()
 
     def create_estimator(self, plant: HybridSystem) -> Estimator | None:
-        """Return the object of an observer that is no casadi expression, such as an optimising observer, for the plant."""
+        """Return the estimator of an observer that cannot be written as a casadi expression, such as an optimising observer. None by default."""
         return None
 
     def design(self, plant: HybridSystem) -> Observer:
@@ -67,21 +68,27 @@ MOST_LATE = 1000
 
 
 @dataclass(frozen=True)
-class Observed(Controller):
-    """A law on the estimates of an observer; the estimates are recorded as `estimate.<signal>`.
+class ObserverBasedController(Controller):
+    """Controller that acts on the estimates of an observer. The estimates are recorded as `estimate.<signal>`.
 
-    `design` designs both. Raises SceneError where units of estimates and signals differ, or an estimate depends on the command.
+    `design` designs both the controller and the observer.
 
     Parameters
     ----------
     law
-        The law, which reads estimates where the observer has them.
+        The controller. It reads the estimate of a signal if the observer estimates it, else the signal itself.
     observer
         The observer.
     name
         Name of the part.
     delay_samples
-        Number of samples by which a command reaches the plant later, as the observer knows it (delay / period); for sampled laws only.
+        Number of samples by which a command reaches the plant later (delay / period), as the observer assumes it. For
+        sampled controllers only.
+
+    Raises
+    ------
+    SceneError
+        If the units of estimates and signals differ, or an estimate depends on the command of the same instant.
     """
 
     law: Controller = field(default_factory=Controller)
@@ -93,11 +100,14 @@ class Observed(Controller):
 
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What the law drives."""
+        """Names of the outputs: the outputs of the controller."""
         return self.law.actuated_signals
 
     def design(self, plant: HybridSystem) -> Any:
-        """The law and the observer designed on the plant; a Python callable where no expression holds the observer."""
+        """Return the controller and the observer designed on the plant.
+
+        The result is a Python callable if the observer cannot be written as a casadi expression.
+        """
         check_fields(self.observer)
         estimator = self.observer.create_estimator(plant)
         if estimator is not None:

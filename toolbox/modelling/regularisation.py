@@ -27,6 +27,7 @@ from toolbox.errors import SceneError, suggest
 from toolbox.modelling.elements import Element, FrictionLaw, Hysteresis
 from toolbox.modelling.hybrid_system import HybridSystem, Parameter, checked_plant
 from toolbox.modelling.two_directions import check_one_direction
+from toolbox.vocabulary import new_names_only
 
 STICKING = 3.0
 """Slip speed in widths below which a smoothed contact is shown as sticking."""
@@ -45,21 +46,23 @@ class Creep(Hysteresis):
 
 
 class SmoothSystem(HybridSystem):
-    """A plant whose friction is regularised; `sharp` is the set-valued plant it stands for, `widths` {element: width}, `matched` the form of the peak."""
+    """A plant whose friction is regularised; `sharp` is the set-valued plant it stands for, `widths` {element: width}, `match_static_peak`
+    whether the peak is the static bound."""
 
     sharp: HybridSystem
     widths: dict[str, float]
-    matched: bool
+    match_static_peak: bool
 
     def with_parameters(self, values: Mapping[str, Any]) -> SmoothSystem:
         """The same plant with other parameter values, its peaks matched again."""
-        return smoothed(self.sharp.with_parameters(values), self.widths, matched=self.matched)
+        return smoothed(self.sharp.with_parameters(values), self.widths, match_static_peak=self.match_static_peak)
 
     def __reduce__(self) -> Any:
-        return partial(smoothed, matched=self.matched), (self.sharp, self.widths)
+        return partial(smoothed, match_static_peak=self.match_static_peak), (self.sharp, self.widths)
 
 
-def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched: bool = True) -> SmoothSystem:
+@new_names_only
+def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, match_static_peak: bool = True) -> SmoothSystem:
     """Return a plant whose dry friction is regularised with a given width.
 
     The result can be simulated and linearised, and its `to_casadi` can be given to any other integrator. Switches of
@@ -73,7 +76,7 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched
     width
         Width for all contacts and relays [unit of their slip]. Or {element: width}: elements that are left out stay
         set-valued.
-    matched
+    match_static_peak
         Whether the peak of the regularised friction is the static friction.
 
     Returns
@@ -97,13 +100,13 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched
     """
     if isinstance(checked_plant(plant), SmoothSystem):
         raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
-    if not isinstance(matched, bool):
-        raise SceneError(f"Argument `matched` must be True or False, but it is {matched!r}.")
+    if not isinstance(match_static_peak, bool):
+        raise SceneError(f"Argument `match_static_peak` must be True or False, but it is {match_static_peak!r}.")
     widths = checked_widths(plant, width)
     template = plant.once(("smoothed", tuple(widths)), lambda: _smooth_structure(plant, list(widths)))
     made: SmoothSystem = copy.copy(template)
-    made.parts, made.sharp, made.widths, made.matched = plant.parts, plant, widths, matched
-    peaks = [_peak(plant, template, name, w) if matched else 0.0 for name, w in widths.items()]
+    made.parts, made.sharp, made.widths, made.match_static_peak = plant.parts, plant, widths, match_static_peak
+    peaks = [_peak(plant, template, name, w) if match_static_peak else 0.0 for name, w in widths.items()]
     made.values = np.concatenate([plant.values, list(widths.values()), peaks])
     return made
 
@@ -164,11 +167,13 @@ def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) 
     if law is None:
         return 0.0
     if law.reverse() is not law:
-        raise SceneError(f"The peak of `{name}` is matched for a law that is the same both ways: smooth it with `matched=False`.")
+        raise SceneError(f"The peak of `{name}` is matched for a law that is the same both ways: smooth it with `match_static_peak=False`.")
     v, w = ca.SX.sym("v"), ca.SX.sym("w")
     pieces = _pieces(law, v, w)
     if ca.which_depends(ca.vertcat(*pieces), plant.x, 1, True).count(True):
-        raise SceneError(f"The peak of `{name}` follows from the states, as of frictions on one slip: smooth it with `matched=False`.")
+        raise SceneError(
+            f"The peak of `{name}` follows from the states, as of frictions on one slip: smooth it with `match_static_peak=False`."
+        )
     function = template.once(("peak", name), lambda: ca.Function("peak", [v, w, plant.p], pieces))
     return missing_peak(lambda grid: function(grid[None, :], width, plant.values), width)
 
@@ -184,14 +189,15 @@ Regularisation = Callable[[Element], ca.SX]
 """The force of a contact as a smooth expression of its slip."""
 
 
-def regularised(width: float, matched: bool = True) -> Regularisation:
+@new_names_only
+def regularised(width: float, match_static_peak: bool = True) -> Regularisation:
     """Describe smooth friction of a given width, for `Rollout`.
 
     Parameters
     ----------
     width
         Slip speed within which the force rises [unit of the slip].
-    matched
+    match_static_peak
         Whether the peak of the smooth friction is the static bound. Otherwise the peak is the lower value that tanh
         gives.
 
@@ -222,7 +228,7 @@ def regularised(width: float, matched: bool = True) -> Regularisation:
         smooth = ca.tanh(v / width)
         speed = v * smooth
         near = ca.exp(-speed / (2 * width))
-        missing = lacking(law, width) if matched else 0.0
+        missing = lacking(law, width) if match_static_peak else 0.0
         return -element.load * smooth * (law.sliding(speed) + missing * near)
 
     return force

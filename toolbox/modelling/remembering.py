@@ -11,23 +11,24 @@ from toolbox.vocabulary import Renamed
 
 
 class Stateful(Renamed):
-    """Protocol of an object whose memory can be saved and restored: a controller in Python, or a part of a controller.
+    """Base class of an object whose memory can be saved and restored: a controller in Python, or a part of a controller.
 
-    `memory_fields` names the attributes on which its next answers depend, and no others: numbers, truth values, arrays of constant shape, or parts that
-    tell their own memory. Truth values and whole numbers are rounded where they are set.
+    `memory_fields` names the attributes on which its next outputs depend, and no others. Such an attribute is a number,
+    a truth value, an array of constant shape, or a part with a memory of its own. Truth values and integers are rounded
+    when they are restored.
     """
 
     memory_fields: ClassVar[tuple[str, ...]] = ()
 
     def get_memory(self) -> FloatArray:
-        """Return the present memory, one attribute after the other."""
+        """Return the present memory as one array, attribute after attribute."""
         parts = [getattr(self, name) for name in self.memory_fields]
         return np.concatenate(
             [np.empty(0), *[np.ravel(part.get_memory() if offers_memory(part) else part).astype(float) for part in parts]]
         )
 
     def set_memory(self, values: FloatArray) -> None:
-        """Restore a memory that `get_memory` returned at this sample or another."""
+        """Restore a memory that `get_memory` returned at any sample."""
         place = 0
         for name in self.memory_fields:
             part = getattr(self, name)

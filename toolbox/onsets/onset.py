@@ -57,7 +57,7 @@ def onset(
     *,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
-    values: int = 13,
+    num_values: int = 13,
     tolerance: NumberOrText | None = None,
     duration: NumberOrText | None = None,
     perturbation: float = 1e-3,
@@ -97,7 +97,7 @@ def onset(
     guess
         {state: value} near the steady state at the operating point. Needed if no steady state is found without it, for
         example under a drive with limits.
-    values
+    num_values
         Number of values at which smooth running and stick-slip are simulated.
     tolerance
         Tolerance of borders that come from runs, in the unit of the parameter. By default 1/5000 of the range.
@@ -126,7 +126,7 @@ def onset(
     >>> from models import BitRock, wells
     >>> from toolbox import closed_loop, compose, onset
     >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
-    >>> found = onset(loop, "top.reference", ("20 rpm", "120 rpm"), values=5)
+    >>> found = onset(loop, "top.reference", ("20 rpm", "120 rpm"), num_values=5)
     >>> print(f"smooth running is lost at {found.loss:.2f} rad/s, stick-slip ends at {found.end:.1f} rad/s")
     smooth running is lost at 3.67 rad/s, stick-slip ends at 8.3 rad/s
     """
@@ -138,13 +138,13 @@ def onset(
         free = continuous.differentiable_number(parameter, "onset")
     low, high = free.span(bounds)
     asked_unit = asked_in(tuple(free.in_si("bounds", tuple(bounds))), free.unit)
-    whole("values", values, 3)
+    whole("num_values", num_values, 3)
     tolerance = (high - low) / 5000 if tolerance is None else number("tolerance", tolerance, free.unit, above=0)
     longest = None if duration is None else number("duration", duration, "s", above=0)
     perturbation, at = number("perturbation", perturbation, above=0), free.value
     contact = judged_contact(loop)
     speed = judged_speed(loop, contact)
-    grid = np.linspace(low, high, values)
+    grid = np.linspace(low, high, num_values)
     if low < at < high and not np.isclose(grid, at, rtol=0, atol=1e-9 * (high - low)).any():
         grid = np.sort(np.append(grid, at))
     base = Request(loop.at(parameter, low) if free.is_input else loop, 0.0, accuracy=accuracy_of(loop, accuracy)).checked()

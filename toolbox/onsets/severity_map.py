@@ -76,39 +76,40 @@ class MapSide:
 
 @dataclass(frozen=True)
 class SeverityMap(Told, Result):
-    """A map of stick-slip over two numbers, as `severity_map` returns it: `print(found)`, `found.plot()`, `found.smooth.severity`.
+    """Map of stick-slip over two numbers, the result of `severity_map`: `print(found)`, `found.plot()`, `found.smooth.severity`.
 
     Attributes
     ----------
     title
-        What was mapped.
+        Name of the loop.
     names, units, axes
-        What is varied, along the rows and the columns of all arrays.
+        The two numbers along the rows and the columns of all arrays.
     element, signal
         The contact and the speed that were judged.
     smooth, sticking
-        The two branches (`MapSide`): from smooth running, and from inside stick-slip.
+        The two branches (`MapSide`): from smooth running, and from stick-slip.
     growth
-        Rate at which a small disturbance of smooth running grows in the loop as it runs [1/s]; nan where it is not known.
+        Growth rate of a small disturbance of smooth running in the running loop [1/s]. nan if it is not known.
     borders
-        Segments of the borders "smooth" and "sticking", each of shape (k, 2, 2): segment, end, (first, second number). Segments follow one another
-        along each line.
+        Segments of the borders "smooth" and "sticking", each of shape (k, 2, 2): segment, end, (first, second number).
+        The segments of a line are in order.
     duration, accuracy
-        Longest time for which a run was carried on until it was decided [s], and accuracy of the runs.
+        Longest time for which a run was continued until it was decided [s], and accuracy of the runs.
     resolution
-        Resolution of borders by runs, in parts of a cell; where the growth is known, smooth running is lost where that changes its sign.
+        Resolution of borders that come from runs, as a fraction of a cell. If the growth is known, smooth running is
+        lost at its change of sign.
     failures
-        Why a run failed: {(branch, i, j): message}.
+        Reasons why runs failed: {(branch, i, j): message}.
     runs
         Number of runs.
     nominal_point
-        Values of both numbers in the loop that was mapped, in SI: the working point, where it lies in the map.
+        Values of both numbers in the loop that was mapped, in SI: the operating point, if it lies in the map.
     situation
-        The situation that the verdict holds for, in one line.
+        The situation for which the verdict holds, in one line.
     notes
-        What the reader of the map should know.
+        Notes for the reader of the map.
     display_units
-        {unit: unit that was typed}: the units in which report and figure answer.
+        {SI unit: unit that was typed}: the units of report and figure.
 
     Examples
     --------
@@ -143,7 +144,10 @@ class SeverityMap(Told, Result):
 
     @property
     def regions(self) -> dict[str, BoolArray]:
-        """What the machine does on both branches, as boolean arrays under "free", "bistable", "smooth or stuck", "stick-slip", "swing", "stuck" and "none"."""
+        """Return the behaviour of the machine on both branches as boolean arrays.
+
+        The keys are "free", "bistable", "smooth or stuck", "stick-slip", "swing", "stuck" and "none".
+        """
         sticks, stands = self.sticking.verdict == STICK_SLIP, self.sticking.verdict == STUCK
         calm, none = self.smooth.verdict == SMOOTH, (self.smooth.verdict == NONE) | (self.sticking.verdict == NONE)
         sticks = sticks | (self.smooth.verdict == STICK_SLIP)
@@ -195,9 +199,10 @@ class SeverityMap(Told, Result):
         return rows
 
     def border(self, name: str, along: float) -> FloatArray:
-        """Return the crossings of a border with a value of the second number: values of the first number, in increasing order.
+        """Return the values of the first number at which a border crosses a value of the second number, ascending.
 
-        Between the values of the grid a border is a straight line, so that one which is bent is off by more than `resolution` there.
+        Between the values of the grid a border is a straight line. A curved border therefore deviates by more than
+        `resolution` there.
 
         Parameters
         ----------
@@ -220,7 +225,7 @@ class SeverityMap(Told, Result):
         return np.unique(x[crossing])
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw both branches side by side with all borders; see `toolbox.onsets.figures.severity_panels`."""
+        """Draw both branches side by side with all borders (`toolbox.onsets.figures.severity_panels`)."""
         from toolbox.onsets.figures import severity_panels
 
         return severity_panels(self, axes)
@@ -241,7 +246,7 @@ class SeverityMap(Told, Result):
         return [*headings, "growth [1/s]"], rows
 
     def save_borders(self, path: str | Path) -> Path:
-        """Write one row per segment of the borders as csv in SI units, whole or not at all: the border, and both numbers at both ends."""
+        """Write the borders as csv in SI units, atomically: one row per segment with the border and both numbers at both ends."""
         rows: list[list[object]] = [
             [BORDERS[name], *map(float, np.ravel(segment))] for name, segments in self.borders.items() for segment in segments
         ]

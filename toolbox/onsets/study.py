@@ -45,7 +45,7 @@ def verdict_row(scene: Scene, label: str, files: str = "", metrics: Any = ()) ->
     except SimulationError as failure:
         return Row(label, FAILED, files=files, failure=str(failure)), failure.run
     try:
-        error = run.error
+        error = run.error_estimate
     except SimulationError:  # the run to compare with, at a hundredth of the accuracy, may fail alone
         error = math.nan
     words, found, _ = verdict_of(scene, run)

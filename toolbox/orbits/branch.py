@@ -18,9 +18,9 @@ from toolbox.vocabulary import Renamed
 
 @dataclass(frozen=True)
 class Bifurcation:
-    """A point of a branch at which the kind of the cycle changes, with its kind, the value of the parameter, and the cycle.
+    """Point of a branch at which the kind of the cycle changes: its kind, the value of the parameter, and the cycle.
 
-    Where switches change, the cycle is the last one before the change.
+    If the sequence of switches changes, the cycle is the last one before the change.
     """
 
     kind: str
@@ -44,11 +44,11 @@ class Branch(Renamed):
     cycles
         One `Cycle` per value.
     bifurcations
-        The points at which the kind of the cycle changes.
+        Points at which the kind of the cycle changes.
     stop_reason
-        Why the branch ends.
+        Reason for the end of the branch.
     display_units
-        {unit: unit that was typed}: the units in which report and figure answer.
+        {SI unit: unit that was typed}: the units of report and figure.
     """
 
     parameter: str

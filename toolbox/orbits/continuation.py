@@ -54,10 +54,14 @@ def follow(
 ) -> Branch:
     """Follow a branch of limit cycles while a parameter changes, by pseudo-arclength continuation.
 
-    Use it to find the values of the parameter between which stick-slip exists. Folds, period doublings and grazings
-    are located on the way. If the parameter is the frequency of a sine, the period follows it; a frequency that is
-    written into a part does not change the period. The branch ends at the first end of `bounds` that it reaches,
-    after `points` cycles, at a Hopf point, or if no further cycle is found. `stop_reason` of the result gives the reason.
+    Use it to find the range of the parameter in which stick-slip exists. Folds, period doublings and grazings are
+    located on the way.
+
+    If the parameter is the frequency of a sine, the period of the cycle changes with it. If a part contains the
+    frequency in its equations, the period does not change.
+
+    The branch ends at the first end of `bounds` that it reaches, after `points` cycles, at a Hopf point, or if no
+    further cycle is found. `stop_reason` of the result gives the reason.
 
     Parameters
     ----------
@@ -189,7 +193,9 @@ def _solved(branch: Branch, near: float) -> float:
     away = 2.0 * abs(near - branch.values[-1]) + 1e-6 * abs(near)
     middle = {name: np.mean(cycle.run[name], axis=0) for name in run.system.states}
     try:
-        found = hopf_points(ClosedLoop(run.system, inputs=run.inputs), branch.parameter, (near - away, near + away), guess=middle, values=5)
+        found = hopf_points(
+            ClosedLoop(run.system, inputs=run.inputs), branch.parameter, (near - away, near + away), guess=middle, num_values=5
+        )
     except (SceneError, SimulationError):
         return near
     return min((point.value for point in found), key=lambda value: abs(value - near), default=near)

@@ -50,7 +50,7 @@ def limit_cycle(
     *,
     period: NumberOrText | None = None,
     accuracy: float = 1e-11,
-    **former: Any,
+    **former_names: Any,
 ) -> Cycle:
     """Find the periodic motion near the end of a run, stable or unstable, to 1e-10 of its size.
 
@@ -94,7 +94,7 @@ def limit_cycle(
     >>> print(f"{cycle.period:.4f} s, stable: {cycle.stable}")
     12.0010 s, stable: True
     """
-    refuse_former("limit_cycle", loop, former)
+    refuse_former("limit_cycle", loop, former_names)
     settle = None if settle is None else number("settle", settle, "s", above=0)
     period = None if period is None else number("period", period, "s", above=0)
     accuracy = number("accuracy", accuracy, at_least=1e-13, at_most=0.1)

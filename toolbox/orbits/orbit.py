@@ -32,28 +32,29 @@ ON_CIRCLE = 1e-9
 
 
 class CycleError(SimulationError):
-    """No periodic motion was found; `run` is the last one tried."""
+    """Error if no periodic motion is found. `run` is the last run of the search."""
 
 
 @dataclass(frozen=True)
 class Cycle(Told):
-    """A periodic motion: `cycle.period`, `cycle.multipliers`, `cycle.stable`, `cycle.amplitude("bit.speed")`, `print(cycle)`, `cycle.plot()`.
+    """Periodic motion: `cycle.period`, `cycle.multipliers`, `cycle.stable`, `cycle.amplitude("bit.speed")`, `print(cycle)`, `cycle.plot()`.
 
     Attributes
     ----------
     run, period
         One period of the motion, and its length [s].
     monodromy
-        Monodromy matrix dx(T)/dx(0) of what returns, shape (n, n), in the order of `monodromy_indices`: rows of x, then the memory of sampled laws and the held
-        signals that they read.
+        Monodromy matrix dx(T)/dx(0) of the periodic quantities, shape (n, n), in the order of `monodromy_indices`: rows
+        of x, then the memory of sampled controllers and the held signals that they read.
     monodromy_indices
-        Indices of what returns, in the order of the rows and columns of `monodromy`.
+        Indices of the periodic quantities, in the order of the rows and columns of `monodromy`.
     multipliers
-        Its eigenvalues (Floquet multipliers), the largest first; of a free cycle without the one that is 1, which belongs to the phase.
+        Eigenvalues of `monodromy` (Floquet multipliers), the largest first. For a cycle of an autonomous system without
+        the multiplier 1, which belongs to the phase.
     forced
-        Whether time enters the equations.
+        Whether time appears in the equations.
     newton_step
-        The last Newton step, relative.
+        Size of the last Newton step, relative.
     iterations
         Number of Newton steps.
     last_period_change
@@ -80,7 +81,7 @@ class Cycle(Told):
 
     @property
     def loop(self) -> ClosedLoop:
-        """The loop of this motion, with the numbers at which the cycle was found."""
+        """Loop of this motion, with the numbers of the cycle."""
         return self.run.run.loop
 
     @property
@@ -95,8 +96,7 @@ class Cycle(Told):
 
     @property
     def stable(self) -> bool:
-        """Whether all multipliers lie inside the unit circle, so that the cycle attracts its neighbourhood. A cycle without energy loss does
-        not."""
+        """Whether all multipliers lie inside the unit circle, so that the cycle is asymptotically stable. A cycle without energy loss is not."""
         return bool(np.abs(self.multipliers).max(initial=0.0) < 1.0 - ON_CIRCLE)
 
     @property
@@ -122,7 +122,7 @@ class Cycle(Told):
         return (high - low) / 2
 
     def stick_share(self, element: str) -> float:
-        """Part of the period that an element sticks, from 0 to 1."""
+        """Return the fraction of the period that an element sticks, from 0 to 1."""
         return self.run.time_in(element, "stick") / self.period
 
     @property
@@ -132,12 +132,13 @@ class Cycle(Told):
         return self.loop.signal or next(iter([*speeds, *self.run.main_signals]))
 
     def plot(self, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
-        """Draw the closed orbit in a phase plane; returns the axes.
+        """Draw the closed orbit in a phase plane, and return the axes.
 
         Parameters
         ----------
         x, y
-            Names of two scalar signals. Without them, `y` is the one that is judged or says most, and `x` the state whose rate it is, or another one.
+            Names of two scalar signals. By default `y` is the judged or most important signal, and `x` the state whose
+            rate it is, or another state.
         ax
             Axes to draw into.
 
@@ -288,7 +289,7 @@ class Orbit:
 
     def begins(self, run: Trajectory) -> np.ndarray:
         """The point at the start of a shot."""
-        return np.concatenate([run.nodes.states[0], run.run.start.memory, run.run.start.held[self.read]])
+        return np.concatenate([run.every_step.states[0], run.run.start.memory, run.run.start.held[self.read]])
 
     def ends(self, run: Trajectory) -> np.ndarray:
         """The point at the end of a shot."""

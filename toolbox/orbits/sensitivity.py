@@ -60,7 +60,7 @@ class Sensitivity:
         return self._at_times()[:, : self.run.program.system.x.numel(), self._order]
 
     def _at_times(self) -> np.ndarray:
-        return self._tangent.nodes if self.run.nodes is self.run else self._between(self.run.time)
+        return self._tangent.nodes if self.run.every_step is self.run else self._between(self.run.time)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Derivatives of a signal, shape (nt, k), or (nt, size, k) of a vector signal; raises SceneError for an unknown name."""
@@ -68,7 +68,7 @@ class Sensitivity:
         return values[:, 0] if values.shape[1] == 1 else values
 
     def end(self, name: str) -> np.ndarray:
-        """Derivatives of a signal at the end of the run, shape (k,) or (size, k)."""
+        """Return the derivatives of a signal at the end of the run, shape (k,) or (size, k)."""
         values = self._of(name, self._tangent.end[None], self.run.at(self.run.end))[0]
         return values[0] if values.shape[0] == 1 else values
 
@@ -97,16 +97,16 @@ class Sensitivity:
         return slope.reshape(slope.shape[0], samples.time.size, -1).transpose(1, 0, 2)
 
     def _between(self, times: np.ndarray) -> np.ndarray:
-        return self._variational.between(self.run.nodes, self._tangent.nodes, self._own, times)
+        return self._variational.between(self.run.every_step, self._tangent.nodes, self._own, times)
 
     @property
     def _variational(self) -> Any:
         from toolbox.orbits.variational import variational_equations
 
-        return variational_equations(self.run.nodes.program, self._columns)
+        return variational_equations(self.run.every_step.program, self._columns)
 
     def time_in(self, element: str, mode: str, after: float = 0.0) -> np.ndarray:
-        """Derivatives of `run.time_in(element, mode, after)`, shape (k,)."""
+        """Return the derivatives of `run.time_in(element, mode, after)`, shape (k,)."""
         self.run.time_in(element, mode, after)
         total = np.zeros(len(self.to))
         for event, row in zip(self.run.events, self.event_times, strict=True):
@@ -117,12 +117,12 @@ class Sensitivity:
     def peak(self, name: str, after: float = 0.0) -> np.ndarray:
         """Return the derivatives of the largest value of a scalar signal after a time [s], shape (k,).
 
-        They are those at the time of the peak, whose own shift has no effect. Raises SceneError where the largest value stands at an end of the window, where
-        it is no peak.
+        They are the derivatives at the time of the peak, whose own shift has no effect. Raises SceneError if the
+        largest value is at an end of the window, because it is then no peak.
         """
         from toolbox.measuring.measure import extent
 
-        nodes = self.run.nodes
+        nodes = self.run.every_step
         t = extent(nodes, name, after).time_of_maximum  # the largest node may belong to another peak
         place = int(np.searchsorted(nodes.time, t, side="right"))
         low, high = max(nodes.time[max(place - 2, 0)], after), nodes.time[min(place + 1, nodes.time.size - 1)]
@@ -136,11 +136,14 @@ class Sensitivity:
         return self._of(name, self._between(np.array([t])), nodes.at([t]))[0, 0]
 
     def mean_square(self, name: str, target: float = 0.0, after: float = 0.0) -> np.ndarray:
-        """Derivatives of `measure.mean_square(run, name, target, after=after)`, shape (k,); a jump of the signal at an event counts with the event's time."""
+        """Return the derivatives of `measure.mean_square(run, name, target, after=after)`, shape (k,).
+
+        A jump of the signal at an event contributes through the time of the event.
+        """
         from toolbox.measuring.energy import gauss
         from toolbox.simulation.samples import window
 
-        nodes = self.run.nodes
+        nodes = self.run.every_step
         begin, end = window(self.run, after, None)
         total = np.zeros(len(self.to))
         for weights, samples in gauss(self.run, begin, end):
@@ -171,13 +174,13 @@ class Sensitivity:
         passed = settling(self.run, name, target, band, after=after, size=size)
         if not 0.0 < passed < np.inf:
             raise SceneError(f"Argument `name` must be a signal that settles during the run, but `{name}` settles after {passed:g} s.")
-        nodes, t = self.run.nodes, after + passed
+        nodes, t = self.run.every_step, after + passed
         return -self._of(name, self._between(np.array([t])), nodes.at([t]))[0, 0] / self._rate(name, t)
 
     def _rate(self, name: str, t: float) -> float:
         """Time derivative of a scalar signal at an instant between switches."""
-        at = self.run.nodes.at([t])
-        slope, flow = self._slopes(name, at)[0, 0], self._variational.rate(at, 0, self.run.nodes.parameters)
+        at = self.run.every_step.at([t])
+        slope, flow = self._slopes(name, at)[0, 0], self._variational.rate(at, 0, self.run.every_step.parameters)
         return float(slope[0] + slope[1 : 1 + flow.size] @ flow)
 
     def __str__(self) -> str:

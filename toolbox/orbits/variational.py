@@ -120,7 +120,7 @@ class VariationalEquations:
 
         memory, held_first: of the same directions, shape (memory, k_s) and (held signals, k_s), zero without.
         """
-        nodes = run.nodes
+        nodes = run.every_step
         n, own = self.states, starts.shape[1]
         time, state = nodes.time, self.whole(nodes)
         p = nodes.parameters.copy()

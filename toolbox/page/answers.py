@@ -87,7 +87,7 @@ def answer(
     ]
     signals = []
     for name, row in rows.items():
-        limits = run.limits.get(name, (None, None))
+        limits = run.signal_limits.get(name, (None, None))
         signals.append({"name": name, "unit": read[name].unit, "base": run.unit(name), "factor": read[name].factor, "values": packed(row * read[name].factor),
                         "limits": [None if end is None else end * read[name].factor for end in limits]})  # fmt: skip
     return {
@@ -105,7 +105,7 @@ def answer(
 
 def traces(run: Trajectory, names: Sequence[str], begin: float, end: float) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Times and signals for a screen: even points and every event, or the extremes in columns where there is much to see."""
-    nodes = run.nodes
+    nodes = run.every_step
     first, last = np.searchsorted(nodes.time, [begin, end])
     inside = nodes.time[first:last]
     if inside.size <= MANY:
@@ -259,14 +259,14 @@ def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Traject
 
 def _of_limit(run: Trajectory, effort: str, peak: float) -> str:
     """The largest effort in parts of the limit of the drive or the law, as words behind a number; empty where there is none."""
-    ends = [abs(end) for end in run.limits.get(effort, ()) if end]
+    ends = [abs(end) for end in run.signal_limits.get(effort, ()) if end]
     return f", {100.0 * abs(peak) / max(ends):.3g} % of its limit" if ends else ""
 
 
 def _held_within(loop: ClosedLoop, run: Trajectory, display_units: Mapping[str, str]) -> list[list[str]]:
     """The peaks of signals other than the effort that have a limit, such as the torque of a motor before its gear."""
     rows = []
-    for name, ends in run.limits.items():
+    for name, ends in run.signal_limits.items():
         if name == loop.effort or name not in run or not any(ends) or np.ndim(run[name]) != 1:
             continue
         seen = extent(run, name)
@@ -299,11 +299,13 @@ def _swing(loop: ClosedLoop, run: Trajectory, display_units: Mapping[str, str]) 
 # ------------------------------------------------------------------------------------------------------------------------- what may follow
 def further(run: Trajectory, loop: ClosedLoop) -> dict[str, Any]:
     """What follows when nobody turns a number: error of the run, poles of steady running, numbers of the drive, values of all, and those without effect."""
-    told: dict[str, Any] = {"values": {name: number.value for name, number in loop.numbers().items() if math.isfinite(number.value)}}
+    told: dict[str, Any] = {
+        "values": {name: number.value for name, number in loop.variable_numbers().items() if math.isfinite(number.value)}
+    }
     told["drive"] = loop.controller_names
     told["without"] = {name: taken(loop, taking) for name, taking in loop.overriding_inputs.items()}
     try:
-        told["inexact"] = run.error
+        told["inexact"] = run.error_estimate
     except SimulationError as failure:
         told["error_words"] = str(failure)
     told["poles"], told["poles_words"] = [], ""

@@ -74,7 +74,7 @@ def controls_of(loop: ClosedLoop, display_units: Mapping[str, str]) -> list[Cont
 
     asked: {unit: unit in which numbers of it are read}.
     """
-    numbers = loop.numbers()
+    numbers = loop.variable_numbers()
     hidden = _told_twice(loop)
     set_points = any(number.is_input and name.endswith(".reference") for name, number in numbers.items())
     ranked = sorted(

@@ -21,7 +21,7 @@ from typing import Any
 
 from toolbox.arguments import number
 from toolbox.errors import BudgetError, SceneError, SimulationError
-from toolbox.files.unit_systems import units
+from toolbox.files.unit_systems import use_units
 from toolbox.files.units import NumberOrText
 from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
@@ -68,12 +68,12 @@ class _Cancelled(Exception):
 
 
 class Page:
-    """A page that is served while its process lives, or until `close`; in a notebook it shows itself in a frame.
+    """Page that is served while its process lives, or until `close`. In a notebook the page shows itself in a frame.
 
     Attributes
     ----------
     address
-        Where a browser of this computer finds it, with the token that lets it in.
+        Address of the page for a browser on this computer, with the secret token.
     """
 
     def __init__(self, loops: Mapping[str, ClosedLoop], scene: Scene | None, path: str | None, system: str | None, port: int):
@@ -101,7 +101,7 @@ class Page:
 
     @property
     def address(self) -> str:
-        """Where a browser of this computer finds the page."""
+        """Address of the page for a browser on this computer."""
         return self.server.address
 
     def close(self) -> None:
@@ -141,7 +141,7 @@ class Page:
         asking = self._questions[question]
         if not isinstance(told, dict):
             raise SceneError("A question must be an object, but it is none.")
-        with contextlib.nullcontext() if self.system is None else units(self.system):
+        with contextlib.nullcontext() if self.system is None else use_units(self.system):
             return asking(told)
 
     def _look(self, label: str) -> dict[str, Any]:
@@ -154,7 +154,7 @@ class Page:
                 controls = {control.number.name: control for control in controls_of(loop, asked)}
                 axes = [] if loop.standstill_speed is not None else maps.axes_of([*controls.values()])
                 self._looks[label] = {"asked": asked, "controls": controls, "axes": axes,
-                                      "redone": {name: each.kind.redesigns for name, each in loop.numbers().items()}}  # fmt: skip
+                                      "redone": {name: each.kind.redesigns for name, each in loop.variable_numbers().items()}}  # fmt: skip
         return self._looks[label]
 
     def _scene(self, told: dict[str, Any]) -> dict[str, Any]:
@@ -317,7 +317,7 @@ class Page:
         return found
 
     def warm(self) -> None:
-        """Run and map the first view of the page, so that all code is compiled before a user waits. Ends with the page."""
+        """Run and map the first view of the page, so that all code is compiled before a user waits. Stops when the page ends."""
         told: dict[str, Any] = {"page": "", "setting": {"label": next(iter(self.loops)), "changes": {}, "disturbance": ""}}
         with contextlib.suppress(SceneError, SimulationError):
             self._answer("run", told)

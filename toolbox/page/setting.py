@@ -69,7 +69,7 @@ class Setting:
 
         redone: {number of the loop: whether it makes another controller}, where that is known.
         """
-        known = {name: number.kind.redesigns for name, number in base.numbers().items()} if redone is None else redone
+        known = {name: number.kind.redesigns for name, number in base.variable_numbers().items()} if redone is None else redone
         loop, without = base, []
         for name in sorted(self.changes, key=lambda name: not known.get(name)):  # before what acts in a controller is changed
             if name in known:
@@ -103,7 +103,7 @@ def disturbing(loop: ClosedLoop, kind: str) -> list[str]:
         found = [f"{loop.element}.friction.{word}" for word in ("static", "kinetic")]
         found = [name for name in found if loop.plant.has_parameter(name) and loop.number(name).overridden is None]
     elif kind == "bump":
-        numbers = loop.numbers()
+        numbers = loop.variable_numbers()
         free = [name for name, each in numbers.items() if each.is_input and np.isfinite(each.value) and each.value != 0.0]
         for units in (("N m",), ("N",)):
             found = found or [name for name in free if numbers[name].unit in units][:1]
@@ -152,7 +152,7 @@ def python_of(setting: Setting, base: ClosedLoop, path: str | None) -> str:
     names = ["closed_loop", "simulate"] if struck else ["simulate"]
     lines = [f"from toolbox import {', '.join(['Scene', *names] if path else names)}", ""]
     lines.append(f"loop = Scene.load({path!r})[{setting.label!r}]" if path else "# loop: the one that was given to `explore`")
-    known = base.numbers()
+    known = base.variable_numbers()
     changed = [name for name in setting.changes if name not in (*without, *struck)]
     for name in sorted(changed, key=lambda name: not known[name].kind.redesigns):
         lines.append(f"loop = loop.at({name!r}, {setting.changes[name]!r})")

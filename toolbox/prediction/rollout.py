@@ -35,23 +35,28 @@ from toolbox.prediction.rollout_loop import Motion, advance_rollout
 
 
 class Rollout:
-    """Compiled prediction of a plant: `advance` gives states and derivatives; `states` alone is cheaper.
+    """Compiled prediction of a plant: `advance` computes states and derivatives, `states` computes only the states and is faster.
 
-    Modes are 0 (stick), 1 and -1. `scale` (one factor per contact, a view that may be written) multiplies the load of each contact. Raises SceneError for a
-    plant with other elements, or one that depends on time.
+    Modes are 0 (stick), 1 and -1. `scale` holds one factor per contact, which multiplies its load; it is a view into
+    which values may be written.
 
     Parameters
     ----------
     plant
         A plant whose contacts are `DryFriction`.
     actuated_signals
-        Names of the inputs that vary; the others stay at their defaults.
+        Names of the inputs that vary. The others stay at their defaults.
     interval
         Length of an interval with constant inputs [s].
     steps
         Number of Runge-Kutta steps per interval.
     regularisation
-        What `regularised` returns; None for exact modes.
+        Result of `regularised`. None for exact modes.
+
+    Raises
+    ------
+    SceneError
+        If the plant has other elements or depends on time.
 
     Examples
     --------
@@ -97,7 +102,7 @@ class Rollout:
 
     @property
     def scale(self) -> np.ndarray:
-        """Factors of the loads, a view that may be written."""
+        """Factors of the loads, a view into which values may be written."""
         return self.numbers[self.plant.values.size :]
 
     def __reduce__(self) -> Any:
@@ -150,13 +155,13 @@ class Rollout:
         return motion.X, motion.A, motion.B, motion.M
 
     def states(self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """States (N+1, n) and modes (N+1, contacts) for inputs of shape (N, n_u), as of `advance`."""
+        """Return states (N+1, n) and modes (N+1, contacts) for inputs of shape (N, n_u), as for `advance`."""
         motion = self.motion(state, inputs, interval)
         advance_rollout(motion)
         return motion.X, motion.M
 
     def motion(self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None, derivatives: bool = False) -> Motion:
-        """A motion that is still to be predicted, by `advance_rollout` or by a loop of a law, with derivatives or without them."""
+        """Return a motion to be predicted by `advance_rollout`, or by the loop of a controller, with or without derivatives."""
         count, n = inputs.shape[0], self.n
         X, M = np.empty((count + 1, n)), np.zeros((count + 1, self.contacts))
         X[0], M[0] = state, self.modes(state)

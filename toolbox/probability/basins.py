@@ -42,35 +42,36 @@ SIDE_BY_SIDE = 32
 
 @dataclass(frozen=True)
 class Basin(Told, Result):
-    """How a working point takes disturbances, as `basin` returns it: `print(found)`, `found.share`, `found.smallest_disturbances`, `found.plot()`.
+    """Behaviour of an operating point under disturbances, the result of `basin`: `print(found)`, `found.share`, `found.smallest_disturbances`,
+    `found.plot()`.
 
     Attributes
     ----------
     title
-        Of the machine.
+        Name of the machine.
     names, units
         States that are disturbed.
     ranges
-        Lowest and highest value of each, in SI, shape (states, 2).
+        Lowest and highest value of each state, in SI, shape (states, 2).
     equilibrium
-        The working point, in SI.
+        The operating point, in SI.
     initial_states
         The disturbed states, in SI, shape (runs, states).
     outcomes
-        What each run came to: 0 smooth, 1 swing, 2 stick-slip, 3 stuck, -1 not known.
+        Outcome of each run: 0 smooth, 1 swing, 2 stick-slip, 3 stuck, -1 not known.
     smallest_disturbances
-        The disturbed states at the border along the line from the working point to the nearest start that tips it, nearest in parts of the box; nan where none
-        tips it.
+        The disturbed states at the border, on the line from the operating point to the nearest start that leaves it.
+        Distances are measured relative to the ranges. nan if no start leaves the operating point.
     duration, accuracy
         Length [s] and accuracy of a run.
     confidence
-        Of the bounds.
+        Confidence level of the bounds.
     judged_runs
-        Number of runs that the judge of all verdicts carried on.
+        Number of runs that `judge` continued.
     situation
-        The situation that the verdict holds for, in one line.
+        The situation for which the verdict holds, in one line.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit that was typed}.
     """
 
     title: str

@@ -46,14 +46,14 @@ class Distribution(ABC):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """A normal distribution.
+    """Normal distribution.
 
     Parameters
     ----------
     mean
-        Its mean, in SI or text with a unit.
+        Mean, in SI or text with a unit.
     deviation
-        Its standard deviation, likewise; greater than zero.
+        Standard deviation, in SI or text with a unit, > 0.
 
     Examples
     --------
@@ -74,12 +74,12 @@ class Normal(Distribution):
 
 @dataclass(frozen=True)
 class Uniform(Distribution):
-    """A uniform distribution.
+    """Uniform distribution.
 
     Parameters
     ----------
     low, high
-        Its ends, in SI or text with a unit.
+        Ends of the range, in SI or text with a unit.
 
     Examples
     --------
@@ -100,14 +100,14 @@ class Uniform(Distribution):
 
 @dataclass(frozen=True)
 class LogNormal(Distribution):
-    """A log-normal distribution: the logarithm of the number is normal.
+    """Log-normal distribution: the logarithm of the number is normal.
 
     Parameters
     ----------
     median
-        Its median, in SI or text with a unit; greater than zero.
+        Median, in SI or text with a unit, > 0.
     deviation
-        Standard deviation of the natural logarithm [1]; greater than zero. 0.1 is about ten per cent.
+        Standard deviation of the natural logarithm [1], > 0. 0.1 is about 10 %.
 
     Examples
     --------
@@ -133,9 +133,9 @@ class Draws(Renamed):
     Parameters
     ----------
     values
-        {name: draws in SI}, rows of equal length; the same place in each row is one draw.
+        {name: draws in SI}, rows of equal length. Values at the same place belong to the same draw.
     independent
-        {name: distribution} of further numbers, which are known independently of these.
+        {name: distribution} of further numbers that are independent of these draws.
     """
 
     values: Mapping[str, Sequence[float]]

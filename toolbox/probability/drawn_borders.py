@@ -44,34 +44,36 @@ BEGINS = 0.02
 
 @dataclass(frozen=True)
 class UncertainOnset(Told, Result):
-    """Borders of stick-slip of machines that are drawn, as `uncertain_onset` returns them: `print(found)`, `found.lowest(0.95)`, `found.plot()`.
+    """Borders of stick-slip for random machines, the result of `uncertain_onset`: `print(found)`, `found.lowest(0.95)`, `found.plot()`.
 
     Attributes
     ----------
     title
-        Of the machine.
+        Name of the machine.
     name, unit
-        The number over which the border lies.
+        The number along which the border is searched.
     bounds
-        Range that was looked at, in SI.
+        Range that was searched, in SI.
     uncertainty
-        {name: what is known of it, in words}.
+        {name: description of its distribution}.
     names, points
-        What was drawn, in SI, shape (draws, names).
+        The drawn numbers, in SI, shape (draws, names).
     onset_values
-        {label: from which value on each draw is free, shape (draws,)}: minus infinity where it is free in the whole range, infinity where not at its end.
+        {label: value above which each draw is free of stick-slip, shape (draws,)}. -inf if it is free in the whole
+        range, inf if it is not free at the end of the range.
     smooth_running_limits
-        {label: the highest value at which each draw loses smooth running}, nan where it does not within the range, or where no slope is known.
+        {label: highest value at which each draw loses smooth running}. nan if it does not within the range, or if no
+        slope is known.
     tolerance
-        Width to which the borders were halved.
+        Width at which the bisection of the borders ended.
     undecided_runs
-        {label: number of runs of which nobody knows}; they count as stick-slip.
+        {label: number of undecided runs}, which count as stick-slip.
     duration, accuracy
         Length [s] and accuracy of a run.
     confidence
-        Of the bounds.
+        Confidence level of the bounds.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit that was typed}.
     """
 
     title: str
@@ -91,7 +93,9 @@ class UncertainOnset(Told, Result):
     display_units: Mapping[str, str] = field(default_factory=dict)
 
     def lowest(self, free: float = 0.95) -> dict[str, float]:
-        """Return for each controller the lowest value at which a machine is free with a given probability, by its bound.
+        """Return for each controller the lowest value that is free of stick-slip with a given probability.
+
+        The confidence bound must reach the probability.
 
         Parameters
         ----------
@@ -101,12 +105,12 @@ class UncertainOnset(Told, Result):
         Returns
         -------
         dict
-            {label: value}; infinity where there is none within the range.
+            {label: value}. inf if there is none within the range.
 
         Raises
         ------
         SceneError
-            If so few draws can show no such probability even where all of them are free.
+            If the number of draws is too small to show this probability even if all of them are free.
         """
         free = number("free", free, above=0, below=1)
         least = least_draws(free, self.confidence)
@@ -188,7 +192,7 @@ def uncertain_onset(
     uncertainty: Mapping[str, Any] | Draws,
     *,
     draws: int = 200,
-    values: int = 13,
+    num_values: int = 13,
     tolerance: NumberOrText | None = None,
     accuracy: float = 1e-4,
     confidence: float = 0.95,
@@ -213,7 +217,7 @@ def uncertain_onset(
     draws
         Number of machines, the same for all controllers. 72 draws are the least with which 95 % can be shown by
         two-sided bounds of 95 %.
-    values
+    num_values
         Number of values of the range that are examined before borders are halved, >= 3.
     tolerance
         Width to which borders are halved. By default 1/50 of the range.
@@ -241,7 +245,7 @@ def uncertain_onset(
     >>> from toolbox import closed_loop, compose
     >>> from toolbox.probability import uncertain_onset
     >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque())
-    >>> found = uncertain_onset(loop, "top.reference", ("40 rpm", "140 rpm"), {"bit.weight": "60 kN +- 5 kN"}, draws=80, values=5)
+    >>> found = uncertain_onset(loop, "top.reference", ("40 rpm", "140 rpm"), {"bit.weight": "60 kN +- 5 kN"}, draws=80, num_values=5)
     >>> print({label: round(value, 1) for label, value in found.lowest(0.95).items()})
     {'as it is': 5.2}
     """
@@ -250,13 +254,13 @@ def uncertain_onset(
     varied = first.number(parameter)
     low, high = varied.span(bounds)
     whole("draws", draws, 1)
-    whole("values", values, 3)
+    whole("num_values", num_values, 3)
     width = BEGINS * (high - low) if tolerance is None else number("tolerance", tolerance, varied.unit, above=0)
     accuracy, confidence = number("accuracy", accuracy, above=0), number("confidence", confidence, above=0, below=1)
     known = drawn(first, uncertainty, draws, seed)
     if varied.name in known.names:
         raise SceneError(f"Argument `uncertainty` must not name what is varied, but it has {short(varied.name)}.")
-    looked = np.linspace(high, low, values)
+    looked = np.linspace(high, low, num_values)
     borders, smooth, unknown = {}, {}, {}
     searches = {
         label: Search(each, grid({varied.name: looked[::-1].tolist()}), known, None, None, accuracy) for label, each in loops.items()
@@ -310,7 +314,7 @@ def _smooth(loop: ClosedLoop, name: str, between: tuple[float, float], names: tu
         bar.update(1)
         each = put_all(loop, dict(zip(names, row.tolist(), strict=True)))
         try:
-            at = [point.value for point in hopf_points(each, name, between, values=9)]
+            at = [point.value for point in hopf_points(each, name, between, num_values=9)]
         except (SceneError, SimulationError):
             continue
         found[k] = max(at, default=math.nan)

@@ -30,14 +30,14 @@ from toolbox.vocabulary import new_names_only
 
 @dataclass(frozen=True)
 class ModelComparison(Told, Result):
-    """Models against one measurement, as `compare_models` returns them: `print(found)`, `found.posteriors["Gaussian"]`, `found.plot()`.
+    """Comparison of models on one measurement, the result of `compare_models`: `print(found)`, `found.posteriors["Gaussian"]`, `found.plot()`.
 
     Attributes
     ----------
     posteriors
-        {label: what is known of the numbers of the model}, each with its evidence.
+        {label: posterior of the numbers of the model}, each with its evidence.
     log_scores
-        {label: logarithm of the density that the posterior gives to each window that was left out, shape (windows,)}.
+        {label: log predictive density of each window that was left out, shape (windows,)}.
     left_out
         Names of these windows.
     """
@@ -48,13 +48,15 @@ class ModelComparison(Told, Result):
 
     @property
     def probabilities(self) -> dict[str, float]:
-        """{label: probability of the model, with equal probabilities before the measurement}."""
+        """Posterior probabilities of the models as {label: probability}, with equal prior probabilities."""
         logs = np.array([each.log_evidence for each in self.posteriors.values()])
         weights = np.exp(logs - logs.max())
         return dict(zip(self.posteriors, (weights / weights.sum()).tolist(), strict=True))
 
     def behind(self, label: str) -> tuple[float, float]:
-        """By how much a model predicts the windows that were left out worse than the best one, and the standard error of that; (0, 0) for the best."""
+        """Return the loss of a model against the best one in the prediction of windows that were left out, and its standard error. (0, 0) for the
+        best.
+        """
         best = max(self.log_scores, key=lambda each: float(self.log_scores[each].sum()))
         apart = self.log_scores[best] - self.log_scores[label]
         error = math.sqrt(apart.size) * float(apart.std(ddof=1)) if apart.size > 1 else math.nan

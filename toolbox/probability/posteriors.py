@@ -47,12 +47,12 @@ SHOWN = 8
 
 @dataclass(frozen=True)
 class Posterior(Told, Result):
-    """Distribution of numbers after a measurement: `print(found)`, `found["bit.weight"]`, `found.plot()`.
+    """Posterior distribution of numbers after a measurement: `print(found)`, `found["bit.weight"]`, `found.plot()`.
 
     Attributes
     ----------
     title
-        Of the machine.
+        Name of the machine.
     names, units
         The unknowns.
     samples
@@ -62,13 +62,13 @@ class Posterior(Told, Result):
     log_evidence, log_evidence_error
         Logarithm of the mean likelihood under the prior, and its standard error.
     data
-        {measure: what was measured, in words}.
+        {measure: description of the measurement}.
     priors
-        {unknown: what was known before, in words}.
+        {unknown: description of the prior}.
     runs, tempering_stages
-        Number of runs and of tempered likelihoods.
+        Number of runs, and number of tempering stages.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit that was typed}.
     """
 
     title: str
@@ -93,7 +93,7 @@ class Posterior(Told, Result):
 
     @property
     def drawn(self) -> Draws:
-        """The draws as joint distribution of these numbers, for `chance`, `drawn` and `sweep`."""
+        """Return the draws as the joint distribution of these numbers, for `chance`, `drawn` and `sweep`."""
         return Draws({name: self[name].tolist() for name in self.names})
 
     def _told(self) -> list[str | Rows]:
@@ -118,7 +118,7 @@ class Posterior(Told, Result):
         return headings, self.samples.tolist()
 
     def to_xarray(self) -> Any:
-        """An xarray Dataset with the dimensions chain and draw, as arviz reads it; needs the extra `batch`."""
+        """Return an xarray Dataset with the dimensions chain and draw, as arviz reads it. Needs the extra `batch`."""
         xarray = optional("xarray", "`to_xarray`", "batch")
         data = {name: (("chain", "draw"), self[name][None, :], {"units": unit}) for name, unit in zip(self.names, self.units, strict=True)}
         return xarray.Dataset(data, attrs={"title": self.title, "evidence": self.log_evidence, "evidence_error": self.log_evidence_error})

@@ -37,26 +37,26 @@ SHOWN = 501
 
 @dataclass(frozen=True)
 class Prediction(Told, Result):
-    """Bands on signals over time, as `predict` returns them: `print(found)`, `found.coverage`, `found.plot()`.
+    """Predicted bands of signals over time, the result of `predict`: `print(found)`, `found.coverage`, `found.plot()`.
 
     Attributes
     ----------
     title
-        Of the machine.
+        Name of the machine.
     time
         Times [s], shape (nt,).
     low, median, high
-        {signal: lower end, middle and upper end of the band in SI, shape (nt,)}.
+        {signal: lower end, median and upper end of the band in SI, shape (nt,)}.
     units
         {signal: unit}.
     measured_values
-        {signal: what was measured at these times, nan where nothing was}; empty without a recording.
+        {signal: measured values at these times, nan if nothing was measured}. Empty without a recording.
     draws
         Number of runs.
     confidence
-        Part of the runs within the band.
+        Fraction of the runs within the band.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit that was typed}.
     """
 
     title: str
@@ -72,7 +72,7 @@ class Prediction(Told, Result):
 
     @property
     def coverage(self) -> dict[str, float]:
-        """{signal: part of the measured samples within the band}; nan where none was measured."""
+        """Fraction of the measured samples within the band as {signal: fraction}. nan if nothing was measured."""
         found = {}
         for name, low in self.low.items():
             values = self.measured_values.get(name, np.empty(0))

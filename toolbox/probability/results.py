@@ -21,32 +21,33 @@ from toolbox.probability.pictures import picture
 
 @dataclass(frozen=True)
 class Chance(Told, Result):
-    """Chances of stick-slip, as `chance` returns them: `print(found)`, `found.plot()`, `found.chances["soft torque"]`.
+    """Probabilities of stick-slip, the result of `chance`: `print(found)`, `found.plot()`, `found.chances["soft torque"]`.
 
     Attributes
     ----------
     title
-        What was asked.
+        Title of the question.
     labels
-        Names of the laws.
+        Names of the controllers.
     names, units, axes
-        What is varied along the axes of all arrays.
+        The numbers that vary along the axes of all arrays.
     uncertainty
-        {name: what is known of it, in words}.
+        {name: description of its distribution}.
     outcomes
-        {label: what each run came to, of shape (*axes, draws)}: 0 smooth, 1 swing, 2 stick-slip, 3 stuck, -1 not known (`toolbox.onsets.map_loop`).
+        {label: outcome of each run, shape (*axes, draws)}: 0 smooth, 1 swing, 2 stick-slip, 3 stuck, -1 not known
+        (`toolbox.onsets.map_loop`).
     severities
-        {label: severity of each run [1]}, of the same shape.
+        {label: severity of each run [1]}, in the same shape.
     duration, accuracy
         Length [s] and accuracy of a run.
     confidence
-        Of the bounds.
+        Confidence level of the bounds.
     judged_runs
-        {label: number of runs that their lanes did not decide, so that the judge of all verdicts carried them on}.
+        {label: number of runs that were undecided at their end, so that `judge` continued them}.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit that was typed}.
     situation
-        The situation that the verdict holds for, in one line.
+        The situation for which the verdict holds, in one line.
     """
 
     title: str
@@ -80,7 +81,9 @@ class Chance(Told, Result):
 
     @property
     def bounds(self) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """{label: (lower, upper) bound of the chance by Clopper and Pearson}; what is not known counts as free for the lower, not for the upper one."""
+        """Clopper-Pearson bounds of the chances as {label: (lower, upper)}. Undecided runs count as free for the lower bound and as stick-slip for
+        the upper bound.
+        """
         found = {}
         for label, outcomes in self.outcomes.items():
             troubled, unknown = _troubled(outcomes), (outcomes == NONE).sum(axis=-1)
@@ -89,7 +92,7 @@ class Chance(Told, Result):
 
     @property
     def expected_severities(self) -> dict[str, FloatArray]:
-        """{label: mean of the severity over the draws [1]}; nan where no run tells."""
+        """Mean severities over the draws as {label: severity [1]}. nan if no run is decided."""
         found = {}
         for label, severities in self.severities.items():
             known = np.isfinite(severities)
@@ -98,24 +101,26 @@ class Chance(Told, Result):
         return found
 
     def lowest(self, free: float = 0.95, name: str | None = None) -> dict[str, FloatArray]:
-        """Return the lowest set-points that are free of stick-slip with a probability.
+        """Return the lowest set-points that are free of stick-slip with a given probability.
 
         Parameters
         ----------
         free
-            The probability that must be reached by the bound, not by the share of the runs alone.
+            The probability. It must be reached by the confidence bound, not only by the fraction of the runs.
         name
-            Which of the axes is the set-point; the first one by default.
+            The axis that is the set-point. By default the first one.
 
         Returns
         -------
         dict
-            {label: the lowest value from which on every one that was tried is free, for each value of the other axis}; nan where there is none.
+            {label: lowest value from which on every value that was tried is free, for each value of the other axis}.
+            nan if there is none.
 
         Raises
         ------
         SceneError
-            If the name is no axis, or if so few draws can show no such probability even where all of them are free.
+            If there is no such axis, or if the number of draws is too small to show this probability even if all of
+            them are free.
         """
         free = number("free", free, above=0, below=1)
         name = self.names[0] if name is None else name
@@ -136,18 +141,19 @@ class Chance(Told, Result):
         return found
 
     def better(self, one: str, other: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return how two laws compare on the same draws.
+        """Compare two controllers on the same draws.
 
         Parameters
         ----------
         one, other
-            Labels of laws.
+            Labels of the controllers.
 
         Returns
         -------
         only_one, only_other, p
-            At each point the part of the draws in which the one law alone is free, and the other alone; and the probability that such a difference comes by
-            chance between laws of equal worth (sign test on the draws in which they differ, that is McNemar's exact test).
+            At each point the fraction of the draws in which only the first controller is free, and in which only the
+            second one is free. p is the probability of such a difference between equally good controllers (sign test on
+            the draws in which they differ, McNemar's exact test).
         """
         from scipy.stats import binom
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -162,6 +163,11 @@ def _one(title: str, name: str, kind: Any) -> Kind:
     return Kind(f"{name}.txt", title, name, _loaded(f"{name}.txt", (kind, f"{name}.npz")))
 
 
+def _torque_drag(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
+    """The operations of a rig; their class is one of the models, which stand above this room."""
+    return _loaded("torquedrag.txt", (import_module("models").TorqueDragOperations, "torquedrag.npz"))(folder, scene)
+
+
 def _simulation(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
     """The runs of a machine of equations, each with its measures; what was printed of a body with many contacts."""
     if scene is None:
@@ -212,6 +218,7 @@ ALL: Sequence[Kind] = (
     _one("Tuning", "tune", Tuned),
     _one("Calibration", "fit", Fit),
     Kind("identify.txt", "Identification", "friction", _loaded("identify.txt", (Identification, "identify.npz"))),
+    Kind("torquedrag.txt", "Torque and drag", "torquedrag", _torque_drag),
     Kind("simulate.txt", "Simulation", "01", _simulation),
     Kind("compare.txt", "Comparison", "compare"),
     _one("Error against time", "tradeoff", WorkPrecision),

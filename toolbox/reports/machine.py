@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.files.printing import table
-from toolbox.files.unit_systems import chosen, reading_of, units
+from toolbox.files.unit_systems import chosen, reading_of, use_units
 from toolbox.modelling.closed_loop import ClosedLoop
 
 LABELLED = 8
@@ -22,7 +22,7 @@ def usual_units(loop: ClosedLoop | None) -> contextlib.AbstractContextManager[An
     """The units in which a page reads, where none were chosen: metric ones (rpm, kN, kN m) of a string that is driven on top, and where there is no machine;
     else those that were typed, or SI."""
     driven = loop is None or loop.plant.has_signal("top.speed")
-    return units("metric") if chosen() is None and driven else contextlib.nullcontext()
+    return use_units("metric") if chosen() is None and driven else contextlib.nullcontext()
 
 
 def machine(loop: ClosedLoop) -> str:
@@ -33,7 +33,7 @@ def machine(loop: ClosedLoop) -> str:
 
 def _machine(loop: ClosedLoop) -> str:
     rows = [row for row in _rows(loop) if row is not None]
-    sources = sorted({source for number in loop.numbers().values() if (source := number.bounds.get("source"))})
+    sources = sorted({source for number in loop.variable_numbers().values() if (source := number.bounds.get("source"))})
     notes = [f"Sources: {'; '.join(map(str, sources))}."] if sources else []
     drawn = sketch(loop)
     numbers = table("Numbers of the machine", ("number", "value", "unit", "meaning"), rows, notes)
@@ -57,8 +57,8 @@ def laws(loops: Iterable[tuple[str, ClosedLoop]]) -> str:
 
 def _rows(loop: ClosedLoop) -> list[tuple[str, str, str, str]]:
     """One row a number of the plant; entries of one vector share theirs."""
-    names = set(loop.plant.inputs) | {name for name, number in loop.numbers().items() if number.kind.has_slope}
-    own = {name: number for name, number in loop.numbers().items() if name in names and _of_plant(loop, name)}
+    names = set(loop.plant.inputs) | {name for name, number in loop.variable_numbers().items() if number.kind.has_slope}
+    own = {name: number for name, number in loop.variable_numbers().items() if name in names and _of_plant(loop, name)}
     groups: dict[str, list[str]] = {}
     for name in own:
         groups.setdefault(re.sub(r"\.\d+$", "", name), []).append(name)
@@ -114,7 +114,9 @@ def _end(index: int, count: int) -> str:
 def _inertias(loop: ClosedLoop) -> list[float]:
     """Inertias of the first string of the plant [kg m2]."""
     found: Mapping[str, float] = {
-        name: number.value for name, number in loop.numbers().items() if re.fullmatch(r"\w+\.inertia\.\d+", name) and number.unit == "kg m2"
+        name: number.value
+        for name, number in loop.variable_numbers().items()
+        if re.fullmatch(r"\w+\.inertia\.\d+", name) and number.unit == "kg m2"
     }
     first = next((name.partition(".")[0] for name in found), "")
     return [value for name, value in found.items() if name.startswith(f"{first}.")]

@@ -19,7 +19,7 @@ def report(*results: Any, path: str | os.PathLike[str], title: str | None = None
     repeat the results.
 
     The page is one file with all of its figures. It needs no network, runs no script, and prints well. If no system
-    of units was chosen by `toolbox.units`, a drill string is shown in rpm, kN and kN m, and another machine in the
+    of units was chosen by `toolbox.use_units`, a drill string is shown in rpm, kN and kN m, and another machine in the
     units that were typed, else SI.
 
     Parameters

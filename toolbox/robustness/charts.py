@@ -21,22 +21,23 @@ from toolbox.robustness.margins import margins
 
 @dataclass(frozen=True)
 class StabilityChart(Result):
-    """Growth and disk margin of a loop over two numbers; `found.plot()` draws them.
+    """Growth rate and disk margin of a loop over two numbers. `found.plot()` draws them.
 
     Attributes
     ----------
     names, units
-        The two numbers, across and up.
+        The two numbers, horizontal and vertical.
     axes
         Their values, in SI.
     growth_rate
-        Largest real part of the poles [1/s] at every point, shape (across, up); nan where there is no steady running or no linear loop.
+        Largest real part of the poles at every point [1/s], shape (horizontal, vertical). nan if there is no steady
+        running or no linear loop.
     disk_margin
-        Disk margin of all commands together [1]; 0 where the loop is unstable.
+        Disk margin of all commands together [1]. 0 if the loop is unstable.
     nominal_point
-        The two numbers as they are declared.
+        The declared values of the two numbers.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit that was typed}.
     """
 
     names: tuple[str, str]
@@ -49,7 +50,7 @@ class StabilityChart(Result):
 
     @property
     def best(self) -> tuple[float, float]:
-        """The two numbers of the point with the largest disk margin."""
+        """Values of the two numbers at the point with the largest disk margin."""
         i, j = np.unravel_index(int(np.argmax(np.nan_to_num(self.disk_margin))), self.disk_margin.shape)
         return float(self.axes[0][i]), float(self.axes[1][j])
 
@@ -71,7 +72,7 @@ class StabilityChart(Result):
         return [*self.names, "growth", "disk_margin"], rows
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw where the loop is stable, with lines of equal disk margin; returns the axes."""
+        """Draw the stable region with lines of equal disk margin, and return the axes."""
         from toolbox.robustness.response_figures import stability_diagram
 
         return stability_diagram(self, ax)
@@ -134,7 +135,7 @@ def stability_chart(
     for i, across in enumerate(rows[0]):
         for j, up in enumerate(rows[1]):
             with contextlib.suppress(NoSteadyState, SimulationError):
-                found = margins(loop.at(known[0].name, float(across)).at(known[1].name, float(up)), measured=False)
+                found = margins(loop.at(known[0].name, float(across)).at(known[1].name, float(up)), by_simulation=False)
                 if found.linear_loop is None:
                     reason = found.reason
                     continue

@@ -103,29 +103,30 @@ class PredictedCycle:
 
 @dataclass(frozen=True)
 class DescribingFunction(Result):
-    """The describing function of a contact and the cycles it predicts: `print(found)` shows them, `found.plot()` draws both curves.
+    """Describing function of a contact and the predicted cycles: `print(found)` shows them, `found.plot()` draws both curves.
 
     Attributes
     ----------
     title
-        The laws of the loop.
+        The controllers of the loop.
     contact
         The contact.
     units
         Units of its slip and of its force, in SI.
     steady_slip
-        Slip of steady running, in its unit.
+        Slip at steady running, in its unit.
     omega, linear_response
-        Frequencies [rad/s], and G(i w) at them: slip over force, complex.
+        Frequencies [rad/s], and G(i w) at these frequencies: slip divided by force, complex.
     amplitude, gain
-        Amplitudes of the slip, and N at them: force over slip. They follow the mean slip, which under a constant torque may have several values at one
-        amplitude: the branch from steady running comes first, and nan parts it from others.
+        Amplitudes of the slip, and N at these amplitudes: force divided by slip. They depend on the mean slip, which
+        under a constant torque may have several values at one amplitude. The branch from steady running comes first,
+        and nan separates it from others.
     cycles
-        The cycles that are predicted, by frequency and amplitude.
+        The predicted cycles, by frequency and amplitude.
     given_cycle
-        (period [s], lowest slip, highest slip) of the cycle that was given; empty without one.
+        (period [s], lowest slip, highest slip) of the cycle that was given. Empty without a cycle.
     display_units
-        {unit: unit that was typed}: the units in which `print` answers.
+        {SI unit: unit that was typed}: the units in which `print` answers.
     """
 
     title: str
@@ -169,7 +170,7 @@ class DescribingFunction(Result):
         return [f"amplitude [{slip}]", f"gain [{force}/({slip})]"], np.column_stack([self.amplitude, self.gain])[known].tolist()
 
     def plot(self, axes: Any = None) -> Any:
-        """N over amplitude with the predicted cycles, and G in the complex plane; returns both axes."""
+        """Draw N over the amplitude with the predicted cycles, and G in the complex plane. Return both axes."""
         from toolbox.robustness.response_figures import describing_diagram
 
         return describing_diagram(self, axes)

@@ -93,38 +93,40 @@ class WrongNumber:
 
 @dataclass(frozen=True)
 class SmallestError(Told, Result):
-    """The smallest joint error that breaks a loop: `print(found)` shows it beside the linear ones, `found.plot()` draws it in the ranges.
+    """Smallest joint error that breaks a loop: `print(found)` shows it beside the linear ones, `found.plot()` draws it in the ranges.
 
     Attributes
     ----------
     title
-        The laws and how they run.
+        The controllers and how they run.
     run_conditions
-        From where the runs begin, which contact is judged, and when.
+        Start of the runs, the judged contact, and time from which runs are judged.
     parameters
-        What may be wrong, and within which range.
+        The uncertain numbers, and their ranges.
     size
-        Size of the smallest error that was found to break the machine, in parts of the ranges [1]; infinite where none within them does.
+        Size of the smallest error that was found to break the machine, as a fraction of the ranges [1]. inf if no error
+        within the ranges does.
     error
-        This error, in parts of the range of each number; empty where there is none.
+        This error, as a fraction of the range of each number. Empty if there is none.
     why
-        What the machine does with it: the outcome of a run on its own, outside of the lanes, by the judge.
+        The behaviour of the machine with this error: the outcome of a separate run, from `judge`.
     largest_tolerated
-        Largest size at which every error that was tried was a success [1].
+        Largest size at which every error that was tried is a success [1].
     runs
-        Runs that the search took.
+        Number of runs of the search.
     linear_size, linear_error
-        The same for smooth running that grows, by the exact rate; nan and empty where there is no rate.
+        The same for unstable smooth running, from the exact growth rate. nan and empty if there is no rate.
     guaranteed_size
-        Size below which no error makes smooth running grow, to first order [1]; nan where there is no linear loop.
+        Size below which no error makes smooth running unstable, to first order [1]. nan if there is no linear loop.
     display_units
-        {unit: unit that was typed}: the units in which `print` answers.
+        {SI unit: unit that was typed}: the units in which `print` answers.
     undetermined_reason
-        Why `guaranteed_size` is nan; empty where it is a number.
+        Reason why `guaranteed_size` is nan. Empty if it is a number.
     situation
-        The situation that the verdict holds for, in one line.
+        The situation for which the verdict holds, in one line.
     own_stick_slip
-        What runs of the nominal plant that start from the loop's own stick-slip come to, in words; empty where the runs start from given values.
+        Description of the outcome of runs of the nominal plant from the loop's own stick-slip. Empty if the runs start
+        from given values.
     """
 
     title: str
@@ -194,7 +196,7 @@ class SmallestError(Told, Result):
         return headings, rows
 
     def plot(self, ax: Any = None) -> Any:
-        """The errors found in the range of each number; see `toolbox.robustness.figures.error_diagram`. Returns the ax."""
+        """Draw the errors found in the range of each number (`toolbox.robustness.figures.error_diagram`), and return the axes."""
         from toolbox.robustness.figures import error_diagram
 
         sizes = {"every run succeeds": self.largest_tolerated, "guaranteed (mu)": self.guaranteed_size}

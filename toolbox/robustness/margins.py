@@ -26,28 +26,28 @@ from toolbox.steady_states.steady_loop import smooth_start, steady_loop
 
 @dataclass(frozen=True)
 class Margins(Told, Result):
-    """Margins of a closed loop at steady running: `print(found)` shows all, `found.plot()` draws the Nyquist curve and the sensitivity.
+    """Margins of a closed loop at steady running: `print(found)` shows them, `found.plot()` draws the Nyquist curve and the sensitivity.
 
     Attributes
     ----------
     title
-        The laws and how they run.
+        The controllers and how they run.
     stable
-        Whether the linear loop is stable; False where there is none.
+        Whether the linear loop is stable. False if there is no linear loop.
     loop_margins
         `LoopMargins` of every command, with the others closed.
     multiloop
-        `JointMargins` of several commands together; None for one.
+        `JointMargins` of several commands together. None for one command.
     operating_point, units
-        {name: value} of set-points, commands and scalar states at the working point, and the units of the first two.
+        {name: value} of set-points, commands and scalar states at the operating point, and the units of the first two.
     reason
-        Why there is no linear loop; empty where there is one.
+        Reason why there is no linear loop. Empty if there is one.
     simulated_margins
-        Margins found by simulation; None where they were not asked for.
+        Margins found by simulation. None if they were not requested.
     linear_loop
         The linear loop, for other tools.
     display_units
-        {unit: unit that was typed}: the units in which `print` answers.
+        {SI unit: unit that was typed}: the units in which `print` answers.
 
     Examples
     --------
@@ -133,9 +133,9 @@ class Margins(Told, Result):
         return lines
 
     def plot(self, axes: Any = None) -> Any:
-        """The Nyquist curve with the disk that it must not enter, and the sensitivities; returns both axes.
+        """Draw the Nyquist curve with the disk of the disk margin, and the sensitivities. Return both axes.
 
-        See `toolbox.robustness.figures.margins_diagram`. Raises SceneError where there is no linear loop.
+        See `toolbox.robustness.figures.margins_diagram`. Raises SceneError if there is no linear loop.
         """
         if self.linear_loop is None:
             raise SceneError(f"There is no linear loop to be drawn: {self.reason}.")
@@ -150,15 +150,14 @@ def margins(
     loop: ClosedLoop,
     *,
     guess: Mapping[str, Any] | None = None,
-    measured: bool | None = None,
-    inertia: str | None = None,
-    duration: NumberOrText = 60.0,
+    by_simulation: bool | None = None,
+    inertia_parameter: str | None = None,
+    simulation_duration: NumberOrText = 60.0,
 ) -> Margins:
-    """Compute disk margin, peak sensitivity, gain margin, phase margin and delay margin of a closed loop at smooth
-    running.
+    """Compute disk margin, peak sensitivity, gain margin, phase margin and delay margin of a closed loop at smooth running.
 
-    Sampling, hold and delay are taken into account. The plant is linearised at the steady state of the closed loop,
-    and a sampled controller by its update. The loop is broken at every input that a controller drives
+    The plant is linearised at the steady state of the closed loop, and a sampled controller by its update. Sampling,
+    hold and delay are taken into account. The loop is broken at every input that a controller drives
     (`toolbox.steady_states.steady_loop`). `toolbox.robustness.disk_margins` defines each margin. Noise and encoder
     steps of `Sampled` are left out.
 
@@ -167,15 +166,15 @@ def margins(
     loop
         A loop with at least one controller and constant inputs.
     guess
-        {state: value} near smooth running. It is needed for controllers that give no other information about the
-        steady state.
-    measured
-        Whether the gain, delay and inertia at which the machine fails are also found by simulation (a few seconds).
-        By default only if there is no linear loop: for relays, ideal sliding modes, an active limit, and controllers
-        in Python.
-    inertia
+        {state: value} near smooth running. Needed for controllers that give no other information about the steady
+        state.
+    by_simulation
+        Whether the gain, delay and inertia at which the machine fails are also found by simulation (a few seconds). By
+        default only if there is no linear loop: for relays, ideal sliding modes, an active limit, and controllers in
+        Python.
+    inertia_parameter
         Name of the inertia that is varied in these simulations, such as "chain.inertia.0".
-    duration
+    simulation_duration
         Length of each of these runs [s].
 
     Returns
@@ -200,7 +199,7 @@ def margins(
       command     disk margin  at [rad/s]   M_s      gain     phase   delay
       top.torque        0.377         0.9  2.66  0 .. 207  21.6 deg  412 ms
     """
-    duration = number("duration", duration, "s", above=0)
+    simulation_duration = number("simulation_duration", simulation_duration, "s", above=0)
     plant, system, title = loop.plant, loop.system, all_described(loop.controllers)
     reason, found = "", None
     try:
@@ -221,12 +220,12 @@ def margins(
         set_points = _set_points(loop)
         units = {name: system.signal_unit(name) for name in (*set_points, *linear.actuated_signals)}
         result = Margins(title, linear.stable, rows, joint, {**set_points, **found.signals}, units, "", None, linear, loop.display_units)
-    if measured is None:
-        measured = found is None
-    if not measured:
+    if by_simulation is None:
+        by_simulation = found is None
+    if not by_simulation:
         return result
     begin = dict(found.start) if found is not None else mapping("guess", guess) or smooth_start(loop)
-    bears = measured_margins(loop.replace(start=begin), duration=float(duration), inertia=inertia)
+    bears = measured_margins(loop.replace(start=begin), duration=float(simulation_duration), inertia=inertia_parameter)
     return Margins(**{**result.__dict__, "simulated_margins": bears})
 
 

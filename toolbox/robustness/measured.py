@@ -127,7 +127,7 @@ def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None =
     Raises SceneError for an unknown `inertia` and for a plant without a contact.
     """
     plant, system = loop.plant, loop.system
-    made = zip(loop.controllers, loop.designed, strict=True)
+    made = zip(loop.controllers, loop.designed_controllers, strict=True)
     laws = [dataclasses.replace(given, law=law) if isinstance(given, Sampled) else law for given, law in made]
     contacts = [element.name for element in plant.elements if element.law is not None]
     if not contacts and not plant.modeless:

@@ -19,7 +19,9 @@ from toolbox.robustness.margins import Margins, margins
 
 @dataclass(frozen=True)
 class FrequencyResponse(Result):
-    """Frequency response of a loop that is broken at its commands: L(i w) of negative feedback, of each command with the others closed.
+    """Frequency response L(i w) of a loop that is broken at its commands, for negative feedback.
+
+    For each command the other commands stay closed.
 
     Attributes
     ----------
@@ -105,7 +107,7 @@ def frequency_response(loop: ClosedLoop, omega: Sequence[NumberOrText] | None = 
     >>> print(abs(found.values["top.torque"]).round(2))
     [3.91 0.75 0.36]
     """
-    found = margins(loop, measured=False)
+    found = margins(loop, by_simulation=False)
     if found.linear_loop is None:
         raise SceneError(f"There is no linear loop, and so no frequency response: {found.reason}.")
     alone = {name: found.linear_loop.alone(i) for i, name in enumerate(found.linear_loop.actuated_signals)}

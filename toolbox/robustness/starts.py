@@ -74,7 +74,7 @@ class SmoothRunning:
 
     @property
     def words(self) -> str:
-        """The start in words."""
+        """Description of the start."""
         return "smooth running"
 
     def on(self, loop: ClosedLoop) -> Found:
@@ -89,11 +89,12 @@ class TakenOver:
     Parameters
     ----------
     initial_controller
-        The controller under which the plant sticks and slips, such as `StiffPI()`. Its `reference` follows the set-point of the judged loop.
+        The controller under which the plant sticks and slips, such as `StiffPI()`. Its `reference` follows the
+        set-point of the judged loop.
     phases
-        Number of instants of the cycle at which the judged controller takes over, at equal parts of its period.
+        Number of instants of the cycle at which the judged controller takes over, at equal fractions of its period.
     duration
-        Time for which the initial controller runs before [s]; its last whole cycle counts.
+        Time for which the initial controller runs before [s]. Its last complete cycle is used.
 
     Examples
     --------
@@ -116,11 +117,11 @@ class TakenOver:
 
     @property
     def words(self) -> str:
-        """The start in words."""
+        """Description of the start."""
         return f"{self.phases} phase(s) of the stick-slip under {described(self.initial_controller)}, which is taken over without a jump"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values on the plant of a loop; without stick-slip there, the last instant of the run and a note.
+        """Return the start values on the plant of a loop. Without stick-slip, return the last instant of the run and a note.
 
         Raises SimulationError if the run of the initial controller cannot be finished.
         """
@@ -136,15 +137,15 @@ class TakenOver:
 
 @dataclass(frozen=True)
 class OwnStickSlip:
-    """Start from the stick-slip that the judged loop itself keeps, at phases of its cycle, with all that its controllers remember.
+    """Start from the stick-slip of the judged loop itself, at phases of its cycle, with the memory of its controllers.
 
-    It is looked for from smooth running whose contact is stopped at once, from rest, from smooth running in which each weakly damped motion swings, and from
-    the stick-slip of the plant whose commands are held.
+    The stick-slip is searched from four starts: smooth running whose contact is stopped, rest, smooth running in which
+    each weakly damped mode oscillates, and the stick-slip of the plant with constant commands.
 
     Parameters
     ----------
     phases
-        Number of instants of the cycle, at equal parts of its period.
+        Number of instants of the cycle, at equal fractions of its period.
 
     Examples
     --------
@@ -164,11 +165,14 @@ class OwnStickSlip:
 
     @property
     def words(self) -> str:
-        """The start in words."""
+        """Description of the start."""
         return f"{self.phases} phase(s) of the loop's own stick-slip"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values on the plant of a loop; none, with a note, if no start leads into stick-slip that lasts, or if no judge can tell."""
+        """Return the start values on the plant of a loop.
+
+        Returns none, with a note, if no start leads to permanent stick-slip, or if this cannot be decided.
+        """
         contact = judged_contact(loop)
         settled = Settled.of(loop, contact, judged_speed(loop, contact), 0.0)
         if settled is None:

@@ -82,20 +82,22 @@ class Outcome:
 
 @dataclass(frozen=True)
 class WorstCase(Told, Result):
-    """Outcomes of a law over model errors, starts and seeds: `print(found)` shows the worst of each error, `found.worst` the worst of all.
+    """Outcomes of a loop over model errors, starts and seeds.
+
+    `print(found)` shows the worst outcome of each error, `found.worst` is the worst of all.
 
     Attributes
     ----------
     title
-        The laws and how they run.
+        The controllers and how they run.
     run_conditions
-        From where the runs begin, which contact is judged, and when.
+        Start of the runs, the judged contact, and time from which runs are judged.
     outcomes
         One `Outcome` per run.
     seconds
-        Time that the runs took [s].
+        Computing time of the runs [s].
     situation
-        The situation that the verdict holds for, in one line.
+        The situation for which the verdict holds, in one line.
 
     Examples
     --------
@@ -171,7 +173,7 @@ class WorstCase(Told, Result):
         return headings, [[*list(vars(outcome).values())[:-1], *outcome.more.values()] for outcome in self.outcomes]
 
     def plot(self, axes: Any = None) -> Any:
-        """Time stuck and ripple of every run by its error; see `toolbox.robustness.figures.worst_case_diagram`. Returns both axes."""
+        """Draw stick time and ripple of every run by its error (`toolbox.robustness.figures.worst_case_diagram`), and return both axes."""
         from toolbox.robustness.figures import worst_case_diagram
 
         rows = [(o.error, o.stuck, o.ripple, o.excess <= 1.0) for o in self.outcomes]

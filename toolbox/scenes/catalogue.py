@@ -21,9 +21,11 @@ from typing import Any
 from toolbox.contacts.problem import ContactBody
 from toolbox.errors import SceneError, suggest
 from toolbox.files.reading import opened
+from toolbox.messages import complaint
 from toolbox.modelling.components import Component
 from toolbox.modelling.elements import FrictionLaw
 from toolbox.modelling.laws import Controller
+from toolbox.vocabulary import NOW
 
 GROUP = "stickslip.parts"
 
@@ -61,6 +63,10 @@ def part(name: str, kind: str | None = None) -> Any:
     if not isinstance(name, str):
         raise SceneError(f"The name of a {kind or 'part'} must be text, but it is {name!r}.")
     found = offered(name)
+    now = None if found else former_class(name)
+    if now is not None:
+        complaint(f"note: `{name}` is now `{now}`.", 0)
+        return part(now, kind)
     if not found and not _packages()[0]:
         raise SceneError(
             f"There is no {kind or 'part'} `{name}`, because no package offers any: pip install -e . in the folder of the toolbox registers its parts."
@@ -77,6 +83,13 @@ def part(name: str, kind: str | None = None) -> Any:
     raise SceneError(
         f"There is no {kind or 'part'} `{name}`: {suggest(name, _names(kind))}{broken} One of your own needs its file: `--load FILE.py`."
     )
+
+
+def former_class(name: str) -> str | None:
+    """The name now of a class that had another name, with its package where that was written; None for any other name."""
+    package, _, last = name.rpartition(".")
+    now = next((NOW[source, last] for source in _modules() if package in ("", source) and (source, last) in NOW), None)
+    return now and f"{package}.{now}".removeprefix(".")
 
 
 def offered(name: str) -> list[Entry]:

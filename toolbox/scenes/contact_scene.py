@@ -23,9 +23,10 @@ from toolbox.scenes.scene import Scene
 
 @dataclass(frozen=True)
 class ContactScene(Labelled):
-    """A body with many contacts, and the cases to be compared on it; everything in SI.
+    """Body with many contacts, and the cases to compare. All numbers are in SI.
 
-    Every run begins at rest under the forces that act at its beginning (`press_contacts`): a body that is to be loaded in time gets a force that begins at 0.
+    Every run begins at rest under the forces at its beginning (`press_contacts`). To load a body in time, use a force
+    that begins at 0.
 
     Attributes
     ----------
@@ -34,11 +35,11 @@ class ContactScene(Labelled):
     body
         The body, such as `models.ElasticFace`.
     duration, step
-        Length of the runs and of a step [s].
+        Length of the runs and of a time step [s].
     cases
-        One `Case` per controller; their labels differ, their laws are sampled.
+        One `Case` per controller, with different labels and sampled controllers.
     inputs
-        As in `step_contacts`, for all cases; the inputs of a case win.
+        As in `step_contacts`, for all cases. The inputs of a case have priority.
     """
 
     title: str
@@ -66,7 +67,7 @@ class ContactScene(Labelled):
         return step_contacts(problem, self.duration, step=self.step, inputs=self._inputs(case), controller=case.controller, start=rest)
 
     def check(self) -> None:
-        """Raise SceneError unless every case can be stepped and has a state of rest to begin from; nothing is run."""
+        """Raise SceneError unless every case can be stepped and has a state of rest as a start. Nothing is run."""
         problem = self._problem()
         times, _ = instants(self.duration, self.step)
         self._check_cases()

@@ -45,18 +45,18 @@ class Difference(NamedTuple):
 
 @dataclass(frozen=True)
 class Differences(Told):
-    """What `compare` found: `print(found)`, `found["bit.speed, severity"]`.
+    """Result of `compare`: `print(found)`, `found["bit.speed, severity"]`.
 
     Attributes
     ----------
     title
-        What was compared.
+        Title of the comparison.
     labels
         Names of the first and the second.
     rows
-        For two runs every measure, for two scenes the keys whose values differ, each with both values in SI.
+        For two runs every metric, for two scenes the keys whose values differ, each with both values in SI.
     display_units
-        {unit: unit that was typed}: the units in which the table answers, those of the first run before those of the second.
+        {SI unit: unit that was typed}: the units of the table. Units of the first run have priority.
     """
 
     title: str

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scene(Labelled):
-    """A plant with the controllers that are compared, and the signals and times that are judged. Everything is in SI.
+    """Plant with the controllers to compare, and the signals and times to judge. All numbers are in SI.
 
     Attributes
     ----------
@@ -43,27 +43,28 @@ class Scene(Labelled):
     parts
         Parts of the plant.
     cases
-        One `Case` per controller; their labels differ.
+        One `Case` per controller, with different labels.
     duration
         Length of the runs [s].
     element
-        The contact whose sticking is judged; None where nothing sticks.
+        Contact whose sticking is judged. None if nothing sticks.
     signal
-        The signal whose severity, settling and overshoot are judged.
+        Signal whose severity, settling and overshoot are judged.
     effort
-        The input whose peak is reported.
+        Input whose peak is reported.
     after
         Time from which on a run is judged [s].
     reference
-        Set-point of `signal`; None for none.
+        Set-point of `signal`. None for no set-point.
     accuracy
         Accuracy of the runs.
     start, inputs, parameters
-        As in `simulate`, for all cases; the inputs of a case win.
+        As in `simulate`, for all cases. The inputs of a case have priority.
     standstill_speed
-        For a stop, the value of `signal` at which it counts as standing. What is judged then ends there, and a last stick into standstill does not count.
+        For a stop, the value of `signal` at which the machine counts as standing. The judged time then ends there, and
+        the last stick, into standstill, does not count.
     measured
-        What was measured on the machine, which a study shows beside what is simulated; None for nothing.
+        Measured results of the machine, which a study shows beside the simulated ones. None for no measurement.
 
     Examples
     --------
@@ -106,9 +107,9 @@ class Scene(Labelled):
         reference: float | None = None,
         **others: Any,
     ) -> Scene:
-        """Make the checked scene of a plant under each of the `controllers` {label: law}, or under none.
+        """Make and check the scene of a plant with each of several controllers, or without a controller.
 
-        What is not said is judged as a scene file is that does not say it.
+        Arguments that are left out have the same defaults as in a scene file.
 
         Parameters
         ----------
@@ -117,21 +118,27 @@ class Scene(Labelled):
         duration
             Length of the runs [s].
         controllers
-            {label: law}; None for the plant alone.
+            {label: controller}. None for the plant alone.
         element
-            The contact to judge; by default the only one, if there is one.
+            Contact that is judged. By default the only contact, if there is one.
         signal
-            The speed to judge; by default `<element>.speed` where the plant has it, else its slip. It must be given where there is no contact.
+            Speed that is judged. By default `<element>.speed` if the plant has it, else the slip of the contact. It
+            must be given if there is no contact.
         effort
-            The input whose peak is reported; by default the first force or torque, else the first input.
+            Input whose peak is reported. By default the first force or torque, else the first input.
         after
-            Time from which on the run is judged [s]; by default half of the duration.
+            Time from which on the run is judged [s]. By default half of the duration.
         reference
-            Set-point of the signal; by default that of the laws, where all have one and the same.
+            Set-point of the signal. By default the set-point of the controllers, if all have the same.
         title
-            Title of the scene; by default the kinds of its parts.
+            Title of the scene. By default the classes of its parts.
         others
             Further fields: accuracy, standstill_speed, start, inputs, parameters, measured.
+
+        Returns
+        -------
+        Scene
+            The scene.
 
         Raises
         ------
@@ -160,14 +167,25 @@ class Scene(Labelled):
 
     @staticmethod
     def load(path: str | Path, *, depth: float | str | None = None) -> Scene:
-        """Read and check the scene in a TOML file. Raises one SceneError that names the file and the fault.
+        """Read and check the scene in a TOML file.
 
         Parameters
         ----------
         path
             The file.
         depth
-            Depth [m], or text with a unit, at which a part ends that is made from tables, such as a `DrillString`, in place of what the file says.
+            Depth [m], or text with a unit, at which a part from tables ends, such as a `DrillString`. It replaces the
+            depth in the file.
+
+        Returns
+        -------
+        Scene
+            The scene.
+
+        Raises
+        ------
+        SceneError
+            One error, which names the file and the fault.
         """
         path = Path(path)
         try:
@@ -178,15 +196,16 @@ class Scene(Labelled):
         return scene
 
     def save(self, path: str | Path) -> Path:
-        """Write the scene with every parameter in SI, whole or not at all; loading it gives an equal scene.
+        """Write the scene to a file, with every parameter in SI, and return the path. Loading the file gives an equal scene.
 
-        Raises SceneError where the file cannot be written and where a part is in no catalogue.
+        The file is written atomically. Raises SceneError if the file cannot be written, or if a part is in no
+        catalogue.
         """
         saving.write({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.judged_contact}, Path(path))
         return Path(path)
 
     def settings(self) -> dict[str, Any]:
-        """Every key of the scene file with its value in SI: `duration`, `plant.BitRock.weight`, `controllers.soft torque.reference`."""
+        """Return every key of the scene file with its value in SI: `duration`, `plant.BitRock.weight`, `controllers.soft torque.reference`."""
         return saving.flat({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.element})
 
     def __str__(self) -> str:
@@ -203,7 +222,7 @@ class Scene(Labelled):
         return "\n".join(lines)
 
     def plant(self) -> HybridSystem:
-        """The composed plant, with the declared parameters; answers about it are in the units of the scene."""
+        """Return the composed plant with the declared parameters. Results about it are shown in the units of the scene."""
         return self._plant
 
     @cached_property
@@ -245,30 +264,30 @@ class Scene(Labelled):
 
     @property
     def display_units(self) -> dict[str, str]:
-        """{SI unit: unit that was typed}, the units of a study of the scene."""
+        """Units of a study of the scene, as {SI unit: unit that was typed}."""
         laws = tuple(case.law for case in self.cases)
         inputs = (self.inputs, *(case.inputs for case in self.cases))
         return asked_units(self.reference, self.standstill_speed, inputs, self.parameters, fields=(laws, self.parts))
 
     def run(self, label: str) -> Trajectory:
-        """Simulate one case, given by its label. Raises the errors of `simulate`, and SceneError for an unknown label."""
+        """Simulate one case, given by its label. Raises the errors of `simulate`, and SceneError if the label is unknown."""
         return simulate(self[label])
 
     @property
     def judged_contact(self) -> str:
-        """The element; raises SceneError where nothing sticks."""
+        """Name of the judged contact. Raises SceneError if nothing sticks."""
         if self.element is None:
             raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
         return self.element
 
     @property
     def judged_names(self) -> str:
-        """Element and signal, in words."""
+        """Names of the judged contact and signal, as text."""
         return " and ".join(f"`{name}`" for name in (self.element, self.signal) if name is not None)
 
     @property
     def metrics(self) -> dict[str, tuple[str, ...]]:
-        """The metrics of the verdict, with the signals and elements that each metric reads."""
+        """Metrics of the verdict, as {metric: names of the signals and elements that it reads}."""
         stuck = {"stuck": (self.element,)} if self.element is not None else {}
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 
@@ -278,7 +297,12 @@ class Scene(Labelled):
         Parameters
         ----------
         metrics
-            {measure: names of the signals and elements it reads}; by default those of the verdict.
+            {metric: names of the signals and elements that it reads}. By default the metrics of the verdict.
+
+        Returns
+        -------
+        Dependencies
+            The parts with the metrics that depend on each of them.
 
         Raises
         ------
@@ -298,7 +322,7 @@ class Scene(Labelled):
         return Dependencies(parts, min(each.idle for each in found))
 
     def check(self) -> None:
-        """Raise SceneError unless every case could be simulated and what is to be looked at exists; nothing is compiled."""
+        """Raise SceneError unless every case can be simulated and the judged signals and elements exist. Nothing is compiled."""
         plant = self.plant()
         number("duration", self.duration, "s", above=0)
         contacts = [element.name for element in plant.elements]

@@ -54,18 +54,18 @@ class Point:
 
 @dataclass(frozen=True)
 class WorkPrecision(Told, Result):
-    """Error against time for one scene. `print` it for the table, `plot` and `save` it.
+    """Error over computing time for one scene. `print` shows the table, `plot` draws it and `save` writes it.
 
     Attributes
     ----------
     title, duration
-        What was run, and for how long [s].
+        Name of the loop, and length of the runs [s].
     points
         The runs (`Point`), in order of method and setting.
     reference_error
-        Largest difference between the two references, in parts of the size of a state.
+        Largest difference between the two reference solutions, relative to the size of a state.
     references
-        What they were computed with.
+        Methods of the reference solutions.
     """
 
     title: str
@@ -75,9 +75,9 @@ class WorkPrecision(Told, Result):
     references: tuple[str, str]
 
     def cheapest(self, error: float) -> Point | None:
-        """Return the fastest run with at most this error, or None if no run reaches it.
+        """Return the fastest run with at most this error. None if no run reaches it.
 
-        Raises SceneError below the difference of the references, where the error of a run is not known.
+        Raises SceneError for errors below the difference of the references, where the error of a run is not known.
         """
         if not error >= self.reference_error:
             raise SceneError(
@@ -120,7 +120,7 @@ def work_precision(
     widths: Iterable[float] = WIDTHS,
     signals: Sequence[str] = (),
     repeats: int = 5,
-    **former: Any,
+    **former_names: Any,
 ) -> WorkPrecision:
     """Measure error against computing time for all methods and settings.
 
@@ -165,9 +165,9 @@ def work_precision(
     >>> print(len(found.points), "settings")
     2 settings
     """
-    refuse_former("work_precision", loop, list(former))
-    if former:
-        raise TypeError(f"work_precision() got an unexpected keyword argument {next(iter(former))!r}")
+    refuse_former("work_precision", loop, list(former_names))
+    if former_names:
+        raise TypeError(f"work_precision() got an unexpected keyword argument {next(iter(former_names))!r}")
     loops = {label: as_loop(each) for label, each in (loop if isinstance(loop, Mapping) else {"": loop}).items()}
     if not loops:
         raise SceneError("Argument `loop` must hold at least one level of detail, but it is empty.")

@@ -200,7 +200,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
     if status == work_layout.NOT_FINITE:
         return ControllerError(not_finite(program.system, int(work.ints[work_layout.CULPRIT]), t, work.z), so_far)
     names = [element.name for element in program.system.elements]
-    point = Trajectory.point(run, program, t, work.x, work.m, work.p)
+    point = Trajectory.at_instant(run, program, t, work.x, work.m, work.p)
     if status in (work_layout.INCONSISTENT, work_layout.ENDLESS, work_layout.NEGATIVE_BOUND):
         bounds = np.array(output_function(program, ca.vertcat(*[e.static for e in program.system.elements]))(
             t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip

@@ -12,7 +12,7 @@ from toolbox.simulation.samples import Samples
 
 def main_signals(run: Any) -> list[str]:
     """Names of speeds, then of torques and forces, then of positions: at most three of a unit, none twice, none that only stands still."""
-    system, nodes = run.program.system, run.nodes
+    system, nodes = run.program.system, run.every_step
     step = max(1, nodes.time.size // 400)
     some: Samples[Any] = Samples(
         nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False

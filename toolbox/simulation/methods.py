@@ -95,10 +95,12 @@ class Method:
 
 @dataclass(frozen=True)
 class EventExact(Method):
-    """Adaptive steps that end exactly on every switch, of the kind that was the fastest for such runs; `run.why` says which, and why.
+    """Adaptive steps that end exactly on every switch. The kind of steps is the fastest for the run.
 
-    These are Taylor series or explicit formulas (`toolbox.simulation.method_choice`), or linearly implicit ones where they prove cheaper
-    (`toolbox.simulation.stiffness`).
+    - Taylor series or explicit formulas (`toolbox.simulation.method_choice`).
+    - Linearly implicit formulas if they are cheaper (`toolbox.simulation.stiffness`).
+
+    `run.why` names the kind and the reason.
 
     Examples
     --------
@@ -115,7 +117,7 @@ class EventExact(Method):
     chooses: ClassVar[bool] = True
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Taylor series, or explicit formulas."""
+        """Return Taylor series or explicit formulas."""
         return self.unwatched(accuracy, system).formulas(accuracy, system)
 
     def unwatched(self, accuracy: float, system: HybridSystem) -> Method:
@@ -144,15 +146,18 @@ class Explicit(Method):
 class TaylorSeries(Method):
     """Taylor series of high order, in steps that end exactly on every switch (`toolbox.compilation.taylor`).
 
-    A plant with an operation that has no series, or so large that the series would be too long, is stepped by explicit formulas; one warning and `run.why`
-    say which of the two it was. One whose stability makes implicit steps the cheaper ones is stepped by these; `run.why` says so.
+    Other steps are used in three cases, and `run.why` names the case:
+
+    - an operation of the plant has no series: explicit formulas, with a warning;
+    - the series would be too long: explicit formulas, with a warning;
+    - implicit steps are cheaper for reasons of stability: implicit steps.
 
     Parameters
     ----------
     order
-        Order of the series, from 6 to 30; None takes the one that the accuracy asks for.
+        Order of the series, from 6 to 30. By default the order follows from the accuracy.
     budget
-        What a run may spend at most, as in every method.
+        Largest cost of a run, as for every method.
 
     Examples
     --------
@@ -201,9 +206,14 @@ class Implicit(Method):
 
 @dataclass(frozen=True)
 class TimeStepping(Method):
-    """Fixed steps with implicit contact forces; no switch is located (see `toolbox.compilation.moreau_jean`).
+    """Fixed time steps with implicit contact forces. No switch is located (see `toolbox.compilation.moreau_jean`).
 
-    step: length of a step [s]; None refines it until the accuracy is met.
+    Parameters
+    ----------
+    step
+        Length of a step [s]. None (default) refines the step until the accuracy is met.
+    budget
+        Largest cost of a run, as for every method.
 
     Examples
     --------
@@ -228,7 +238,7 @@ class TimeStepping(Method):
             number("step", self.step, "s", at_least=duration / self.budget.steps)
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """The theta method of Moreau and Jean."""
+        """Return the theta method of Moreau and Jean."""
         return MOREAU_JEAN
 
     @property
@@ -244,16 +254,17 @@ class TimeStepping(Method):
 
 @dataclass(frozen=True)
 class Smoothing(Method):
-    """Regularised friction, stepped by the linearly implicit method (see `toolbox.modelling.smoothed`).
+    """Regularised friction, integrated with the linearly implicit method (see `toolbox.modelling.smoothed`).
 
     Parameters
     ----------
     width
-        Slip speed, or {element: slip speed}, within which friction rises to its peak; None refines it until the accuracy is met.
+        Slip speed, or {element: slip speed}, within which friction rises to its peak. None (default) refines the width
+        until the accuracy is met.
     tolerance
-        Tolerance of the integrator; None takes one that resolves the width.
+        Tolerance of the integrator. By default a tolerance that resolves the width.
     budget
-        What a run may spend at most, as in every method.
+        Largest cost of a run, as for every method.
 
     Examples
     --------

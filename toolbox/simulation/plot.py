@@ -58,7 +58,7 @@ class Pictured(Protocol):
         """Names of the signals that say most."""
 
     @property
-    def limits(self) -> Mapping[str, tuple[float | None, float | None]]:
+    def signal_limits(self) -> Mapping[str, tuple[float | None, float | None]]:
         """{signal: (lowest, highest)} that a drive keeps signals within."""
 
     @property
@@ -66,7 +66,7 @@ class Pictured(Protocol):
         """{unit: unit that was typed}."""
 
     @property
-    def nodes(self) -> Any:
+    def every_step(self) -> Any:
         """The run with every step recorded."""
 
     @property
@@ -80,7 +80,7 @@ class Pictured(Protocol):
     def __getitem__(self, name: str) -> Any: ...
 
     def unit(self, name: str) -> str:
-        """Unit of a signal."""
+        """Return the unit of a signal."""
 
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
         """(begin, end, mode) of one element."""
@@ -143,7 +143,7 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
             lines = curves.draw_signals(panel, samples.time, shown, looks)
             panel.set_xlim(begin, end)
             curves.scale_robustly(panel, [(samples.time, values) for values in shown.values() if values.ndim == 1], unit, run.display_units)
-            curves.draw_limits(panel, run.limits, group, looks)
+            curves.draw_limits(panel, run.signal_limits, group, looks)
             name_axis(panel.yaxis, axis_words(group, unit), unit, run.display_units)
             top = panel is panels[0]
             if len(contacts) == 1:
@@ -293,7 +293,7 @@ def comparison(
     with plt.rc_context(PAPER):
         panels = stacked_panels(len(runs), 1.25 if len(runs) > 1 else 2.3, 0.0, sharey=True)
         for panel, (label, run) in zip(panels, runs.items(), strict=True):
-            last = min(end, float(run.nodes.time[-1]))
+            last = min(end, float(run.every_step.time[-1]))
             if last > begin:
                 samples = curves.sampled(run, begin, last)
                 curves.draw_line(panel, samples.time, scalar(samples, signal), label, look)
@@ -372,7 +372,9 @@ def overlay(
         height = 2.3 if len(names) == 1 else 1.75 if len(names) < 4 else 1.3
         panels = [ax] if ax is not None else stacked_panels(len(names), height, 0.15 * len(runs))
         lasting = {
-            label: curves.sampled(run, begin, last) for label, run in runs.items() if (last := min(end, float(run.nodes.time[-1]))) > begin
+            label: curves.sampled(run, begin, last)
+            for label, run in runs.items()
+            if (last := min(end, float(run.every_step.time[-1]))) > begin
         }
         styles = dict(zip(runs, line_styles(len(runs)), strict=True))
         for panel, name in zip(panels, names, strict=True):
@@ -412,7 +414,7 @@ def _together(
     """(the longest run, begin and end of the window, {label: contact to be shown}); raises SceneError."""
     if not isinstance(runs, Mapping) or not runs:
         raise SceneError(f"Argument `runs` must hold at least one run as {{label: run}}, but it is {short(runs)}.")
-    longest = max(runs.values(), key=lambda run: float(run.nodes.time[-1]))
+    longest = max(runs.values(), key=lambda run: float(run.every_step.time[-1]))
     begin, end = window(longest, after, until)
     shown: dict[str, str | None] = {}
     for label, run in runs.items():

@@ -4,8 +4,8 @@ The error of such a method is about c k^q with its setting k, q = 1 for a step, 
 
     e = |x_k - x_(k/r)| / (r^q - 1)
 
-scaled as `run.error` is. The setting is divided by four, twice at least, until e <= accuracy. Once e falls with k, it tells what the accuracy will cost, and a
-price beyond the budget ends in an AccuracyError at once, with the best run.
+scaled as `run.error_estimate` is. The setting is divided by four, twice at least, until e <= accuracy. Once e falls with k, it tells what the accuracy will
+cost, and a price beyond the budget ends in an AccuracyError at once, with the best run.
 
 Two widths may agree and both be wrong: contacts that should stick creep at a speed w, and as long as that is far above what the bodies between them do, all
 widths share the load in the same way, which is not that of contacts at rest. So a width is also compared with the set-valued law, by time stepping with two
@@ -75,13 +75,13 @@ def refined(run: Run) -> Trajectory:
             wanted = steps * max(missing, 1.0) ** dearer
             ratio = min(max(missing, 2.0), 16.0) if falls > 0.3 else 4.0
             if (stepping and wanted > most and falls > 0.3 and error < 0.1 and trial >= 3) or steps * ratio**dearer > most:
-                coarse.__dict__["error"] = error
+                coarse.__dict__["error_estimate"] = error
                 raise AccuracyError(_dear(run, coarse, error, setting, wanted), coarse)
         before, price = ratio, coarse.steps[0]
         try:
             fine = attempt(setting / ratio)
         except SimulationError as failed:
-            coarse.__dict__["error"] = error
+            coarse.__dict__["error_estimate"] = error
             raise AccuracyError(f"{_dear(run, coarse, error, setting, math.inf)} A finer run failed: {failed}", coarse) from None
         found = coarse.difference(fine) / (ratio**order - 1.0)
         if not stepping:
@@ -93,11 +93,11 @@ def refined(run: Run) -> Trajectory:
         if trial >= 1 and error <= run.accuracy:
             break
     else:
-        coarse.__dict__["error"] = error
+        coarse.__dict__["error_estimate"] = error
         raise AccuracyError(_dear(run, coarse, error, setting, math.inf), coarse)
     if run.output_times is not None:
         coarse = attempt(setting, run.output_times)
-    coarse.__dict__["error"] = error
+    coarse.__dict__["error_estimate"] = error
     return coarse
 
 

@@ -295,7 +295,7 @@ def window(run: Any, after: NumberOrText, until: NumberOrText | None) -> tuple[f
     (20.0, 60.0)
     """
     check_run(run)
-    last = float(run.nodes.time[-1])
+    last = float(run.every_step.time[-1])
     if last <= run.begin:
         raise SceneError("Argument `run` must last longer than 0 s to be measured, but it ends where it begins.")
     begin = max(float(number("after", after, "s", at_least=0, below=last)), run.begin)

@@ -12,7 +12,7 @@ begins a step with its modes; `step.degree`: of the polynomials in it, 0 where t
 step, or one value per step for a signal that changes in none, such as a command that is held. `contacts`, `main`: names of the elements with friction and of
 the signals that a plot shows; `limit.names`, `limit.values`: what the drive keeps signals within, nan for no limit; `approach.<element>`: speeds at the
 impacts of a unilateral contact [m/s]; `asked.units`, `asked.typed`: the units in which the run was asked for, and answers; `report`: lines about the run;
-`error`: what `run.error` said, nan where it was not asked; `accuracy`: that of the run.
+`error`: what `run.error_estimate` said, nan where it was not asked; `accuracy`: that of the run.
 """
 
 from __future__ import annotations
@@ -64,16 +64,16 @@ def write(run: Any, target: Path, names: Sequence[str] | None = None) -> Path:
     written["unit.names"] = np.array(names, dtype=np.str_)
     written["unit.values"] = np.array([run.unit(name) for name in names], dtype=np.str_)
     degree, values = polynomials(run, names)
-    written |= {"step.time": run.nodes.time, "step.mode": run.nodes.mode, "step.degree": degree}
+    written |= {"step.time": run.every_step.time, "step.mode": run.every_step.mode, "step.degree": degree}
     written |= {f"step.{name}": points for name, points in values.items()}
     written["contacts"] = np.array(run.contacts, dtype=np.str_)
     written["main"] = np.array([name for name in run.main_signals if name in names], dtype=np.str_)
-    limits = {name: [np.nan if end is None else end for end in ends] for name, ends in run.limits.items()}
+    limits = {name: [np.nan if end is None else end for end in ends] for name, ends in run.signal_limits.items()}
     written["limit.names"] = np.array(list(limits), dtype=np.str_)
     written["limit.values"] = np.array(list(limits.values())).reshape(-1, 2)
     for element in run.program.system.elements:
         if element.has_gap:
-            written[f"approach.{element.name}"] = run.approach(element.name)
+            written[f"approach.{element.name}"] = run.impact_speeds(element.name)
     written |= {
         "asked.units": np.array(list(run.display_units), dtype=np.str_),
         "asked.typed": np.array(list(run.display_units.values()), dtype=np.str_),
@@ -107,7 +107,7 @@ def interpolated(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 def polynomials(run: Any, names: Sequence[str]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """(degree of each node, {signal: values at the points of all nodes in order, or at the nodes}), as a file holds them."""
-    nodes = run.nodes
+    nodes = run.every_step
     at_nodes = nodes.columns(names)
     size = np.maximum(np.abs(np.column_stack(list(at_nodes.values()))).max(axis=0, initial=0.0), 1e-300)
     apart = size * max(min(SAME[0], SAME[1] * run.accuracy), FINEST)
@@ -168,7 +168,7 @@ def _sampled(nodes: Any, rows: np.ndarray, places: np.ndarray, names: Sequence[s
     end = nodes.time[np.minimum(rows + 1, nodes.time.size - 1)]
     times = nodes.time[rows][:, None] + (end - nodes.time[rows])[:, None] * places
     times[:, places == 1.0] = end[:, None]
-    columns = nodes.inside(np.repeat(rows, places.size), times.ravel()).columns(names)
+    columns = nodes.interpolated(np.repeat(rows, places.size), times.ravel()).columns(names)
     return np.column_stack(list(columns.values())).reshape(rows.size, places.size, -1)
 
 
@@ -377,10 +377,10 @@ class SavedRun(Recorded):
         self.events = [Event(*row) for row in zip(*(arrays[f"event.{field}"].tolist() for field in Event._fields), strict=True)]
         polynomials = {name: arrays[f"step.{name}"] for name in self._units}
         steps = SavedSteps(arrays["step.time"], arrays["step.mode"], arrays["step.degree"], self._words, polynomials)
-        self.nodes = self.anchors = steps  # type: ignore[misc]
+        self.every_step = self.restart_nodes = steps  # type: ignore[misc]
         self.contacts: list[str] = arrays["contacts"].tolist()
         self.main_signals: list[str] = arrays["main"].tolist()
-        self.limits: dict[str, tuple[float | None, float | None]] = {
+        self.signal_limits: dict[str, tuple[float | None, float | None]] = {
             name: (None if np.isnan(low) else low, None if np.isnan(high) else high)
             for name, (low, high) in zip(arrays["limit.names"].tolist(), arrays["limit.values"].tolist(), strict=True)
         }
@@ -432,7 +432,7 @@ class SavedRun(Recorded):
             raise SceneError(f"There is no signal `{name}`: {suggest(str(name), self._units)}")
         return self._units[head]
 
-    def approach(self, element: str) -> FloatArray:
+    def impact_speeds(self, element: str) -> FloatArray:
         """Speeds of approach at the impacts of a unilateral contact, in the order of its events [m/s]; raises SceneError for any other element."""
         if element not in self._approach:
             raise SceneError(f"There is no unilateral contact `{element}`: {suggest(element, self._approach)}")
@@ -446,8 +446,8 @@ class SavedRun(Recorded):
         return self._last[element]
 
     @property
-    def error(self) -> float:
-        """What `run.error` was when the run was saved. Raises SceneError where it had not been asked: it is measured by a second run."""
+    def error_estimate(self) -> float:
+        """What `run.error_estimate` was when the run was saved. Raises SceneError where it had not been asked: it is measured by a second run."""
         if np.isnan(self._error):
             raise SceneError(
                 f"The run read from `{self.path}` does not say its error: `error` needs the plant; ask it before `save`, or `pickle` the run."

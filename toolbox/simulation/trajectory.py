@@ -85,7 +85,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         Recorded times [s], shape (nt,). If no output times were given, every step is recorded, and events twice (before
         and after). For very long runs of large plants, only every second, third ... step and all events are recorded,
         as soon as the records would need more memory than `toolbox.simulation.thin_records.MOST`. `run.at` is then as
-        exact as before, and `run.nodes` has every step.
+        exact as before, and `run.every_step` has every step.
     states
         States at the recorded times, shape (nt, n).
     begin
@@ -146,7 +146,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         self.why = why
 
     @staticmethod
-    def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples[float | Any]:
+    def at_instant(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples[float | Any]:
         """Return the signals at one instant of a run that is in progress.
 
         Parameters
@@ -271,7 +271,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         ]
 
     @property
-    def ambiguous(self) -> list[Event]:
+    def ambiguous_events(self) -> list[Event]:
         """Events at which another choice of modes would also have been consistent with the forces.
 
         If several contacts hold each other and the static friction is above the kinetic friction, Coulomb's law is not
@@ -294,7 +294,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return main_signals(self)
 
     @property
-    def limits(self) -> dict[str, tuple[float | None, float | None]]:
+    def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
         """Limits of signals, set by drives and controllers, as {signal: (lowest, highest)}. None means no limit."""
         found: dict[str, tuple[float | None, float | None]] = {}
         for part in (*self.run.system.parts, *self.run.controllers):
@@ -304,7 +304,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
                 found[name] = (max(lows, default=None), min(highs, default=None))
         return found
 
-    def approach(self, element: str) -> FloatArray:
+    def impact_speeds(self, element: str) -> FloatArray:
         """Return the approach speeds at the impacts of a unilateral contact [m/s], in the order of its events.
 
         Raises SceneError for any other element.
@@ -312,7 +312,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         elements = {each.name: each for each in self.program.system.elements if each.has_gap}
         if element not in elements:
             raise SceneError(f"There is no unilateral contact `{element}`: {suggest(element, elements)}")
-        nodes = self.nodes
+        nodes = self.every_step
         times = np.array([event.time for event in self.events if event.element == element and event.before == "open"])
         before = np.searchsorted(nodes.time, times, side="left")  # of the two nodes at an event the first is what was
         rows: Samples[Any] = Samples(
@@ -331,7 +331,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         place, legend = self.program.system.element_modes(element)
         return legend[int(self._last_mode[place])]
 
-    def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples[Any]:
+    def interpolated(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples[Any]:
         """Return signals at times within the recorded steps.
 
         At the end of a step the value is the value before a switch.
@@ -359,19 +359,19 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return states_between(self, times, row)
 
     @cached_property
-    def nodes(self) -> Trajectory:
+    def every_step(self) -> Trajectory:
         """The same run with every step recorded (itself, unless output times were given or not every step is recorded)."""
-        found = self.anchors
+        found = self.restart_nodes
         if not found.passed.size:
             return found
         places, row = np.searchsorted(found.time, found.passed), np.searchsorted(found.time, found.passed, side="right") - 1
-        inside = found.inside(row, found.passed)
+        inside = found.interpolated(row, found.passed)
         names = ("time", "states", "mode", "held")
         whole = {name: np.insert(getattr(found, name), places, getattr(inside, name), axis=0) for name in names}
         return _trajectory_again(type(found), found.program.formulas, {**found._told(), **whole, "passed": np.empty(0)})
 
     @cached_property
-    def anchors(self) -> Trajectory:
+    def restart_nodes(self) -> Trajectory:
         """The same run with nodes from which steps lead to every state between them (the run itself, unless output times were given)."""
         if self.run.output_times is None:
             return self
@@ -386,7 +386,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
             return failed.run
 
     @cached_property
-    def error(self) -> float:
+    def error_estimate(self) -> float:
         """Largest difference of a state to a second run at accuracy/100, relative to the size of that state over the run.
 
         A state that is round-off of others of its unit (below 1e-10 of the largest), as of a mode that nothing moves, is compared with the largest. Between
@@ -397,14 +397,14 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         """
         longest = self.run.longest_step / 5.3
         if self.program.system.updates:  # where samples set the steps, another accuracy alone would repeat them, and their error
-            longest = min(longest, float(np.diff(self.nodes.time).max(initial=np.inf if self.nodes.time.size < 2 else 0.0)) / 1.9)
+            longest = min(longest, float(np.diff(self.every_step.time).max(initial=np.inf if self.every_step.time.size < 2 else 0.0)) / 1.9)
         finer = {"accuracy": self.accuracy / 100, "method": EventExact(), "output_times": None, "longest_step": longest}
         return self.difference(self.run.again(**finer, duration=min(self.end, self.run.end) - self.begin, budget=UNHURRIED))
 
     def difference(self, better: Trajectory) -> float:
         """Compute the largest relative difference of a state between this run and another run of the same plant.
 
-        The difference is relative to the size of the state. Impacts are treated as in `error`.
+        The difference is relative to the size of the state. Impacts are treated as in `error_estimate`.
 
         Parameters
         ----------
@@ -413,7 +413,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         """
         if not isinstance(better, Trajectory):
             raise SceneError(f"Argument `better` must be a trajectory, as `simulate` returns it, but it is {short(better)}.")
-        nodes = self.nodes
+        nodes = self.every_step
         times = nodes.time
         if not self.program.system.updates:  # between samples, which are many, the largest difference is that at one of them
             times = np.concatenate([times, 0.5 * (times[1:] + times[:-1])])
@@ -493,12 +493,13 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         lines = [
             f"{type(self).__name__} of {', '.join(names)}",
             f"{self.duration:g} s{took}: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
-            self._setting + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
+            self._setting
+            + (f", error {self.error_estimate:.1e}" if "error_estimate" in self.__dict__ else ", error: ask `run.error_estimate`"),
         ]
         if self.why:
             lines.append(self.why)
-        if self.ambiguous:
-            lines.append(f"{len(self.ambiguous)} switches at which other modes were consistent, too: see `run.ambiguous`")
+        if self.ambiguous_events:
+            lines.append(f"{len(self.ambiguous_events)} switches at which other modes were consistent, too: see `run.ambiguous_events`")
         if self.merged:
             lines.append(f"{self.merged} touches without a change of mode")
         return lines
@@ -527,7 +528,7 @@ class Stepped(Trajectory):
         return np.column_stack([np.interp(times, self.time, self.states[:, i]) for i in range(self.states.shape[1])])
 
     @cached_property
-    def error(self) -> float:
+    def error_estimate(self) -> float:
         """Four thirds of the largest difference of a state to a second run with a quarter of the step: the error of a method of order one."""
         return 4.0 / 3.0 * self.difference(self.run.again(method=TimeStepping(self.step / 4), output_times=None))
 
@@ -536,7 +537,7 @@ class Stepped(Trajectory):
         return 1.5 * self.step
 
     def _jumps(self, least: float) -> np.ndarray:
-        nodes, (times, index, modes) = self.nodes, self._event_arrays
+        nodes, (times, index, modes) = self.every_step, self._event_arrays
         rigid = np.array([element.rigid for element in self.program.system.elements])
         times = np.unique(times[rigid[index] & (modes[:, 0] == 1)])
         row = np.searchsorted(nodes.time, times)
@@ -557,7 +558,7 @@ class Smoothed(Trajectory):
         return dict(self.run.method.width)
 
     @cached_property
-    def error(self) -> float:
+    def error_estimate(self) -> float:
         """Difference to the set-valued law: 5/3 of the largest difference of a state to a second run with a quarter of the width and of the tolerance.
 
         5/3 belongs to an error that falls with the width to the power 2/3, as the passage of a peak makes it; where it falls in proportion it is 4/3.

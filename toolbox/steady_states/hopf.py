@@ -105,20 +105,24 @@ def hopf_points(
     *,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
-    values: int = 33,
+    num_values: int = 33,
 ) -> list[HopfPoint]:
     """Find every Hopf point of smooth running in a range of one parameter or input.
 
-    At a Hopf point a pair of poles crosses the imaginary axis. The points come in order and are exact to round-off. A
-    controller keeps the design that it has on the nominal plant. Values without a steady state are skipped. If
-    smooth running ends inside the range, its end is one more value that is examined. Range: a pair of poles whose
-    frequency is below 1e-9 of the fastest pole counts as two real poles and gives no Hopf point, for example under a
-    slow creep on rock. A larger mass that does not matter there makes it visible.
+    At a Hopf point a pair of poles crosses the imaginary axis. The points are in the order of the parameter and exact
+    to round-off.
+
+    - A controller keeps the design that it has on the nominal plant.
+    - Values without a steady state are skipped. If smooth running ends inside the range, its end is examined as one
+      more value.
+    - A pair of poles whose frequency is below 1e-9 of the fastest pole counts as two real poles and gives no Hopf
+      point. An example is a slow creep on rock. To make such a point visible, increase a mass that has no other
+      influence there.
 
     Parameters
     ----------
     loop
-        A loop with constant inputs, or a plant. Sampled controllers need slopes; their sample times, holds and delays
+        A loop with constant inputs, or a plant. Sampled controllers need slopes. Their sample times, holds and delays
         are exact.
     parameter
         Name of a parameter of the plant or of a controller, of a sample time or a delay, or of an input. Examples are
@@ -126,12 +130,12 @@ def hopf_points(
     bounds
         Range (low, high) of the parameter, in SI or text with units.
     mode
-        {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide
-        at the start.
+        {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide at
+        the start.
     guess
-        {state: value} of one steady state in the range. It is needed if no steady state is found without it, for
-        example under a drive whose limits hide it.
-    values
+        {state: value} of one steady state in the range. Needed if no steady state is found without it, for example
+        under a drive with limits.
+    num_values
         Number of values of the parameter that are examined. Two crossings between neighbouring values are missed.
 
     Returns
@@ -158,10 +162,12 @@ def hopf_points(
     free = loop.differentiable_number(parameter, "hopf_points", lambda number: number.kind.poles)
     if loop.is_sampled:
         refuse_modes(mode, "hopf_points")
-        found = sampled_hopf_points(SampledBranch(loop, free, guess), free.span(bounds), whole("values", values, 2))
+        found = sampled_hopf_points(SampledBranch(loop, free, guess), free.span(bounds), whole("num_values", num_values, 2))
     else:
         inputs = loop.constant_inputs("steady running")
-        found = hopf_points_of(loop.continuous_loop.system, free, free.span(bounds), inputs, mode, guess, whole("values", values, 2))
+        found = hopf_points_of(
+            loop.continuous_loop.system, free, free.span(bounds), inputs, mode, guess, whole("num_values", num_values, 2)
+        )
     asked = {free.unit: asked_in(free.in_si("bounds", bounds), free.unit)}
     return [replace(point, display_units=asked) for point in found]
 

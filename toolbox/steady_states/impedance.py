@@ -58,20 +58,20 @@ def impedance(
 
         PI controller:  Z = K_p + K_i / (i w);      with the top inertia and drag:  Z = K_p + K_i / (i w) + i w J + c_r
 
-    A controller with limits or nested loops has another impedance at another operating point.
+    A controller with limits or nested loops has different impedances at different operating points.
 
     Parameters
     ----------
     parts
         The controller, and the parts between it and the string, such as a drive with lags and limits. A `Sampled`
-        controller adds its hold and delay as exp(-i w (period / 2 + delay)), which is true well below half of the
+        controller adds its hold and delay as exp(-i w (period / 2 + delay)), which is accurate well below half of the
         sampling rate.
     frequency
         Frequencies w [rad/s], > 0.
     plant
         The plant on which controllers are designed.
     speed_signal, torque_signal
-        Names of the speed and of the torque at the top; by default the first signals that the controller measures and
+        Names of the speed and of the torque at the top. By default the first signals that the controller measures and
         gives.
     inertia, drag
         Inertia J [kg m2] and drag c_r [N m s/rad] of the top itself.
@@ -88,7 +88,7 @@ def impedance(
     Raises
     ------
     SceneError
-        If a controller measures more than `speed_signal`, or a frequency is not positive.
+        If a controller measures other signals than `speed_signal`, or a frequency is not positive.
 
     Examples
     --------

@@ -20,20 +20,21 @@ from toolbox.steady_states.linear import equilibrium
 
 @dataclass(frozen=True)
 class ModeShapes(Result):
-    """Modes of a machine, the slowest first; `found.plot()` draws them.
+    """Vibration modes of a machine, the slowest first. `found.plot()` draws them.
 
     Attributes
     ----------
     state
-        The rows of inertias or masses whose motion the shapes are, such as `chain.speed`.
+        The state of inertias or masses whose motion the shapes describe, such as `chain.speed`.
     poles
         One pole of each pair [1/s], with a positive imaginary part.
     shapes
-        Motion of every entry of the state, shape (modes, entries), real, the largest 1: how far each swings when the one that swings furthest is furthest.
+        Motion of every entry of the state, shape (modes, entries), real, normalised to the largest value 1: the
+        displacements at the instant at which the entry with the largest amplitude is at its maximum.
     depth
-        Measured depth of every entry [m]; None where the part of the state has no `depth`.
+        Measured depth of every entry [m]. None if the part has no `depth`.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit that was typed}.
 
     Examples
     --------
@@ -54,12 +55,12 @@ class ModeShapes(Result):
 
     @property
     def frequencies(self) -> FloatArray:
-        """Frequencies at which the modes swing [Hz]."""
+        """Frequencies of the modes [Hz]."""
         return self.poles.imag / (2.0 * math.pi)
 
     @property
     def damping(self) -> FloatArray:
-        """Damping ratios [1], negative for a mode that grows."""
+        """Damping ratios [1], negative for an unstable mode."""
         return -self.poles.real / np.abs(self.poles)
 
     def __str__(self) -> str:

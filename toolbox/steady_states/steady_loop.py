@@ -86,8 +86,8 @@ def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> Steady
         _slope(closed, point),
         point.states,
     )
-    broken = dataclasses.replace(loop, controllers=tuple(Broken(law) for law in loop.designed))
-    drives = tuple(name for law in loop.designed for name in law.actuated_signals)
+    broken = dataclasses.replace(loop, controllers=tuple(Broken(law) for law in loop.designed_controllers))
+    drives = tuple(name for law in loop.designed_controllers for name in law.actuated_signals)
     commands = {plant.redirected_signals.get(name, name): float(point[plant.redirected_signals.get(name, name)]) for name in drives}
     state = {name: point[name] for name in closed.states}
     system = broken.system

@@ -383,15 +383,28 @@ def _come_to_rest(w, t, again):
 
 
 def _rest_with_others(w, t):
-    """Put frictions at rest whose slip what has just come to rest holds at zero, as that of a body that a closed stop ties to another one at rest."""
+    """Put frictions at rest whose slip what has just come to rest holds at zero, as that of a body that a closed stop ties to another one at rest.
+
+    A friction that was released at this instant has no slip and no slip rate either, but another one if it pulled the other way.
+    """
     ne = w.ints[layout.NE]
     call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
         slides = w.kind[i] == layout.FRICTION and w.m[i] != 0.0 and not w.zero[i] and w.lever[i] == 0 and not flies(w, i)
-        if slides and w.loader[i] != layout.SECOND and not two_directions(w, i):
-            still = abs(w.z[ne + i]) <= HELD * abs(w.z[4 * ne + i])
-            if still and abs(w.z[i]) <= 1e-9 * guard_size(w, 2 * i):
-                w.m[i], w.zero[i] = 0.0, True
+        if not slides or w.loader[i] == layout.SECOND or two_directions(w, i):
+            continue
+        if abs(w.z[i]) <= 1e-9 * guard_size(w, 2 * i) and _stays(w, i):
+            w.m[i] = -w.m[i]
+            call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+            w.m[i] = 0.0 if _stays(w, i) else -w.m[i]
+            w.zero[i] = w.m[i] == 0.0
+            call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+
+
+def _stays(w, i):
+    """Whether the slip of a friction has no rate."""
+    ne = w.ints[layout.NE]
+    return abs(w.z[ne + i]) <= HELD * abs(w.z[4 * ne + i])
 
 
 def _release(w):

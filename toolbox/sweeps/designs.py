@@ -16,7 +16,7 @@ from toolbox.vocabulary import new_names_only
 
 @dataclass(frozen=True)
 class Variations:
-    """Values of several numbers, one row per run; `grid`, `listed`, `uniform`, `latin_hypercube` or `sobol` make them.
+    """Values of several numbers, one row per run. `grid`, `listed`, `uniform`, `latin_hypercube` or `sobol` make them.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Variations:
     axes
         Values along each axis of a grid.
     display_units
-        {name: unit in which its values were typed}, of those that were.
+        {name: unit in which its values were typed}.
 
     Examples
     --------

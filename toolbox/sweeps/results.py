@@ -31,23 +31,23 @@ class Sweep(Told, Result):
     Attributes
     ----------
     title
-        What was simulated.
+        Name of the loop.
     names, units
-        What was varied.
+        The numbers that were varied.
     points
-        Its values, shape (runs, names).
+        Their values, shape (runs, names).
     shape, axes
         Shape of the results, and the values along each axis of a grid.
     metrics, metric_units
         {name: array of shape `shape`} and their units.
     failures
-        Why a run failed: {index of the run: message}.
+        Reasons why runs failed: {index of the run: message}.
     duration, accuracy
         Length [s] and accuracy of a run.
     seconds
-        Wall time [s], without the runs that were there already; 0 in a sweep that was loaded, because files do not hold it.
+        Wall time [s], without runs that were read from a checkpoint. 0 after loading, because files do not hold it.
     display_units
-        {unit: unit that was typed}: the units in which the report answers.
+        {SI unit: unit that was typed}: the units of the report.
 
     Examples
     --------
@@ -127,13 +127,14 @@ class Sweep(Told, Result):
         no_array(self, f"take a measure, such as `found[{name!r}]`, or all of them, `found.to_pandas()` or `found.to_xarray()`")
 
     def to_pandas(self) -> Any:
-        """Return all runs as a data frame; needs the extra `pandas`.
+        """Return all runs as a data frame. Needs the extra `pandas`.
 
         Returns
         -------
         pandas.DataFrame
-            A row per run, in the order of `points`: the values of what was varied, the measures (nan where a run failed) and `error`, why it failed, or "".
-            `attrs` has "units", {column: unit}, and title, duration and accuracy of the sweep.
+            One row per run, in the order of `points`: the varied numbers, the metrics (nan if a run failed) and
+            `error`, the reason of a failure or "". `attrs` contains "units", {column: unit}, and title, duration and
+            accuracy of the sweep.
         """
         pandas = optional("pandas", "`to_pandas`", "pandas")
         columns: dict[str, Any] = {name: self.points[:, k] for k, name in enumerate(self.names)}
@@ -144,7 +145,7 @@ class Sweep(Told, Result):
         return frame
 
     def to_xarray(self) -> Any:
-        """An xarray Dataset with axes as coordinates, units as attributes, and why runs failed; needs the extra `batch`."""
+        """Return an xarray Dataset with axes as coordinates, units as attributes, and the reasons of failures. Needs the extra `batch`."""
         xarray = optional("xarray", "`to_xarray`", "batch")
         if self.axes:
             dims = self.names
@@ -160,9 +161,11 @@ class Sweep(Told, Result):
         return xarray.Dataset(data, coordinates, {"title": self.title, "duration": self.duration, "accuracy": self.accuracy})
 
     def save(self, path: str | Path) -> Path:
-        """Write to `path`, whole or not at all: a zarr store where it ends with .zarr (see `toolbox.sweeps.store`), a table for .csv, else npz without pickle.
+        """Write the sweep to `path`, atomically.
 
-        A table has one row per run in SI units with its error, and is for other programs: `load` does not read it.
+        The format depends on the ending: a zarr store for .zarr (see `toolbox.sweeps.store`), a table for .csv, else
+        npz without pickle. A table has one row per run in SI units with its error. It is for other programs: `load`
+        does not read it.
         """
         if Path(path).suffix == ".zarr":
             store.saved(self, Path(path))

@@ -47,14 +47,14 @@ def sweep(
     loop: ClosedLoop | HybridSystem,
     ranges: Any,
     duration: NumberOrText | None = None,
-    *others: Any,
+    *former_positional: Any,
     start: Callable[[Mapping[str, float]], Mapping[str, Any]] | None = None,
     metrics: Any = ("severity", "stuck_ratio"),
     method: Method | str = "event",
     accuracy: float | None = None,
     executor: concurrent.futures.Executor | None = None,
     checkpoint: str | Path | None = None,
-    **former: Any,
+    **former_names: Any,
 ) -> Sweep:
     """Simulate a loop once for every combination of some of its numbers, and measure every run.
 
@@ -69,8 +69,8 @@ def sweep(
         A loop, or a plant.
     ranges
         {name: values} for a grid, or rows of {name: value}, in SI or text with units. Or a pandas table, or one of the
-        designs `latin_hypercube`, `sobol` and `uniform` of `toolbox.sweeps`. A name is any of `loop.numbers()` except a
-        sample time and the numbers of a table. An input is held constant.
+        designs `latin_hypercube`, `sobol` and `uniform` of `toolbox.sweeps`. A name is any of `loop.variable_numbers()`
+        except a sample time and the numbers of a table. An input is held constant.
     duration
         Length of a run [s], or text with a unit. By default the duration of the scene, for a loop from a scene.
     start
@@ -119,14 +119,14 @@ def sweep(
     >>> print(found["severity"].round(2), found["stuck"].round(1))
     [0. 0. 0.] [0. 0. 0.]
     """
-    if others or is_finite_number(loop):
+    if former_positional or is_finite_number(loop):
         raise SceneError(
             "`sweep` varies the numbers of a machine, `sweep(loop, {name: values}, duration)`, and its other arguments are named; "
             "the swept sine of an input is `toolbox.inputs.sweep`."
         )
-    if "budget" in former:
+    if "budget" in former_names:
         raise SceneError("`sweep` takes the budget of a run as an option of its method: write `sweep(..., method=EventExact(budget=...))`.")
-    refuse_former("sweep", loop, former)
+    refuse_former("sweep", loop, former_names)
     loop = as_loop(loop)
     if start is not None and not callable(start):
         raise SceneError(

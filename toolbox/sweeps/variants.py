@@ -152,7 +152,7 @@ def _designs(loop: ClosedLoop, numbers: Sequence[Number], points: np.ndarray, br
     of = {k: index for k, index in found.items() if index is not None}
     for law in dict.fromkeys(of.values()):
         own = [k for k, index in of.items() if index == law]
-        if not isinstance(loop.designed[law], Controller):
+        if not isinstance(loop.designed_controllers[law], Controller):
             raise SceneError(
                 f"Argument `{numbers[own[0]].name}` must not be varied in a sweep: the law is designed as a function of Python, which all runs share; "
                 "simulate `loop.at(name, value)` for each."

@@ -48,17 +48,18 @@ _IN_C: dict[Any, Any] = {"f": ctypes.c_double, "i": ctypes.c_int64, "u": ctypes.
 
 
 class Compiled:
-    """A function as machine code.
+    """Function as machine code.
 
     Parameters
     ----------
     py_func
-        The function. What it calls stands in files of the toolbox.
+        The function. All functions that it calls are in files of the toolbox.
     arguments
-        Its arguments: "f", "i" or "u" for a real number and for a whole one with and without sign; None and True for a condition that is known; and for the
-        named tuple of arrays its kinds, {field: (dtype, number of dimensions)}. A function of tuples is given them alone, and gives a whole number.
+        Kinds of its arguments: "f", "i" or "u" for a real number, an integer and an unsigned integer; None and True for
+        a known condition; {field: (dtype, number of dimensions)} for the named tuple of arrays. A function of tuples
+        takes only tuples, and returns an integer.
     gives
-        What it gives, as of an argument.
+        Kind of its result, as for an argument.
     """
 
     def __init__(self, py_func: Any, *arguments: Any, gives: str = "i"):
@@ -79,7 +80,10 @@ class Compiled:
         return done
 
     def bound(self, *given: Any) -> Callable[[], int]:
-        """A call on these arrays, for who owns them for life: they are looked at here, once, and not in every call. Raises TypeError as a call does."""
+        """Return a call on these arrays, for an object that owns them permanently.
+
+        The arrays are checked once here, and not in every call. Raises TypeError as a call does.
+        """
         views = self._viewed(given)
         tables = [np.array([entry for array in work for entry in (array.ctypes.data, *array.shape)], np.int64) for work in views]
         entry = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * len(tables))(self.address)
@@ -97,11 +101,11 @@ class Compiled:
         return [tuple(each) for each in views]
 
     def known(self) -> bool:
-        """Whether it needs no compiling here."""
+        """Whether the machine code exists, so that nothing must be compiled."""
         return "_library" in self.__dict__ or self._kept() is not None or self._shipped() is not None
 
     def ready(self) -> None:
-        """Compile it, unless it is."""
+        """Compile the function, if this has not been done."""
         self._entry  # noqa: B018 (what is asked for is made)
 
     @cached_property

@@ -76,30 +76,31 @@ class Trial:
 
 @dataclass(frozen=True)
 class Tuned(Told, Result):
-    """Result of a tuning; `print` it for the report.
+    """Result of a tuning. `print` shows the report.
 
     Attributes
     ----------
     title
-        What was tuned.
+        Title of the tuning.
     free
-        The numbers that were free.
+        The numbers that were tuned.
     objectives, units
-        What was made small.
+        Objectives that were minimised, and their units.
     scenes
         Labels of the scenes.
     aggregate
-        How the values of several scenes become one.
+        Function that combines the values of several scenes.
     trials
-        Every point that was tried; the law as it was given comes first.
+        Every point that was tried. The controller as given comes first.
     seed
         Seed of the search.
     loop
-        The loop of the first scene, with the law as it was given; None in a result that was loaded: `dataclasses.replace(found, loop=loop)` has its laws.
+        The loop of the first scene, with the controller as given. None after loading: `dataclasses.replace(found,
+        loop=loop)` then gives access to its controllers.
     simulated_runs
-        Number of runs of this call; the others came from the journal.
+        Number of runs of this call. All others came from the checkpoint.
     display_units
-        {unit: unit that was typed}: the units in which report and figure answer.
+        {SI unit: unit that was typed}: the units of report and figure.
     """
 
     title: str
@@ -116,11 +117,11 @@ class Tuned(Told, Result):
 
     @property
     def before(self) -> Trial:
-        """The law as it was given."""
+        """Trial of the controller as given."""
         return self.trials[0]
 
     def counted(self, trial: Trial) -> tuple[float, ...]:
-        """Return the values of a trial that count: every objective over the scenes."""
+        """Return the objectives of a trial, each combined over the scenes."""
         return counted_over(trial, self.aggregate)
 
     @property
@@ -132,10 +133,11 @@ class Tuned(Told, Result):
 
     @property
     def best(self) -> Trial:
-        """The trial with the smallest objective. Raises SceneError where no trial succeeded.
+        """Trial with the smallest objective.
 
-        Of a front it is the one nearest to the ideal corner, with the axes counted from the best to the worst value. Where some trials are no worse than the
-        given law in any objective, it is one of these.
+        For a Pareto front it is the trial nearest to the ideal corner, with each axis scaled from the best to the worst
+        value. If some trials are at least as good as the given controller in every objective, it is one of these.
+        Raises SceneError if no trial succeeded.
         """
         front = self.front
         if not front:
@@ -154,12 +156,12 @@ class Tuned(Told, Result):
         return self.law_of(self.best)
 
     def law_of(self, trial: Trial) -> Controller | Sampled:
-        """Return the law of any trial, such as another member of the front; raises SceneError in a result that was loaded, which has no loop."""
+        """Return the controller of any trial, such as another member of the front. Raises SceneError after loading, because a file holds no loop."""
         return law_with_numbers(with_numbers(self._machine, self.free, trial.numbers))
 
     @property
     def controller(self) -> Controller | Sampled:
-        """The law as it was given."""
+        """Controller as given."""
         return self._machine.controllers[0]
 
     @property
@@ -172,7 +174,7 @@ class Tuned(Told, Result):
         return self.loop
 
     def applied(self, scene: Scene, label: str) -> Scene:
-        """Return a scene in which the case with this label stands twice: as given, and with the best numbers as "<label>, tuned"."""
+        """Return a scene with one more case: the case with this label again, with the best numbers, as "<label>, tuned"."""
         cases = []
         for case in scene.cases:
             cases.append(case)
@@ -247,7 +249,7 @@ class Tuned(Told, Result):
         return rows
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the front, or the best value so far over the number of trials; see `toolbox.tuning.figures.tuning_diagram`."""
+        """Draw the front, or the best value over the number of trials (`toolbox.tuning.figures.tuning_diagram`)."""
         from toolbox.figures.style import reading_of  # here, because matplotlib is slow to import
         from toolbox.tuning.figures import tuning_diagram
 

@@ -58,17 +58,16 @@ def tune(
     checkpoint: str | Path | None = None,
     executor: concurrent.futures.Executor | None = None,
 ) -> Tuned:
-    """Find the numbers of a controller within `ranges` that minimise one objective, or the Pareto front of several
-    objectives.
+    """Find the numbers of a controller within `ranges` that minimise one objective, or the Pareto front of several objectives.
 
-    `toolbox.tuning` describes the search. The same arguments give the same result with any executor. A point whose
-    controller cannot be designed, or whose run fails, counts as infinitely bad.
+    `toolbox.tuning` describes the search. The same arguments give the same result with any executor. A point counts as
+    infinitely bad if its controller cannot be designed or its run fails.
 
     Parameters
     ----------
     scene
-        One scene, several, or {label: scene}: the controller is judged on all of them. A plant may replace a scene
-        and counts as `Scene.of(plant, duration)`: it starts from rest and is judged in the second half of the run.
+        One scene, several, or {label: scene}: the controller is judged on all of them. A plant may replace a scene and
+        counts as `Scene.of(plant, duration)`: it starts from rest and is judged in the second half of the run.
     controller
         Label of a case that every scene has (each keeps its own set-point, period and sensors), a `Controller`
         (continuous) or a `Sampled`.
@@ -78,13 +77,12 @@ def tune(
         Pareto front.
     ranges
         {number of the controller: (low, high)}, in SI or text with units, by its name among the numbers of the loop:
-        "pi.proportional", "softtorque.detuning", "lqr.gain.0". A number is changed where it acts. The controller is
-        designed again for a number that only its design uses.
+        "pi.proportional", "softtorque.detuning", "lqr.gain.0". If only the design uses the number, the controller is
+        designed again. Any other number is changed where it acts.
     duration
         Length of the runs of plants [s].
     aggregate
-        Function that combines the values of several scenes: `max` for the worst case, `statistics.fmean` for the
-        mean.
+        Function that combines the values of several scenes: `max` for the worst case, `statistics.fmean` for the mean.
     runs
         Largest number of points that are tried, with one run per scene each.
     seed
@@ -93,8 +91,8 @@ def tune(
         File that keeps every point. The same call after an interruption continues from this file and gives the same
         result. A longer tuning, with larger `runs`, uses the points of a shorter one.
     executor
-        Any `concurrent.futures.Executor` of processes, such as that of a Dask client. It simulates all scenes of a
-        point side by side, and all points that the search knows in advance. By default one run follows the other in
+        Any `concurrent.futures.Executor` of processes, such as the executor of a Dask client. It simulates in parallel
+        all scenes of a point, and all points that the search knows in advance. By default one run follows the other in
         this process.
 
     Returns
@@ -220,7 +218,7 @@ def _free(loop: ClosedLoop, bounds: Any) -> tuple[Free, ...]:
         raise SceneError(f"Argument `ranges` must map numbers of the law to (low, high), but it is {bounds!r}.")
     if not loop.controllers:
         raise SceneError("Argument `controller` must name a case with a law, but it has none.")
-    first, law = sum(len(numbers_of(part)) for part in loop.plant.parts), loop.designed[0]
+    first, law = sum(len(numbers_of(part)) for part in loop.plant.parts), loop.designed_controllers[0]
     own = range(first, first + (len(numbers_of(law)) if isinstance(law, Controller) else 0))
     free = []
     for name, pair in bounds.items():

@@ -14,7 +14,7 @@ MODULUS, POISSON, MU = 2.1e11, 0.3, 0.4
 def test_a_block_under_even_pressure_on_a_smooth_plate_presses_evenly():
     """The patch test of a contact: nodal forces are the pressure times the area of every node, to round-off."""
     body = body_of_mesh(block_mesh((0.01, 0.01, 0.005), (4, (0.0, 0.2, 0.3, 0.7, 1.0), 3)), density=7800.0, modulus=MODULUS)
-    nodes = body.on("bottom")
+    nodes = body.face_nodes("bottom")
     ports = {f"{axis}.{i}": body.point(node, axis) for axis in "xyz" for i, node in enumerate(nodes)} | {"top": body.mean("top", "z")}
     problem = body.reduced(ports).in_contact(Coulomb(MU, MU), ("x", "y"), "z", pushed=("top",), areas=body.faces["bottom"][nodes])
     rest = press_contacts(problem, {"top": -10.0}, frictionless=True)
@@ -33,7 +33,7 @@ def cylinders():
     mesh = block_mesh((0.04, 0.02), ((x + 20.0) / 40.0, (20.0 - depth[::-1]) / 20.0))
     body = body_of_mesh(mesh, density=7800.0, modulus=MODULUS, poisson=POISSON).clamped("bottom")
     place = 1e3 * body.nodes[:, 0] - 20.0
-    nodes = [node for node in body.on("top") if abs(place[node]) < 30.5 / 45.0]
+    nodes = [node for node in body.face_nodes("top") if abs(place[node]) < 30.5 / 45.0]
     reduced = body.reduced({f"{axis}.{i}": body.point(node, axis) for axis in "xy" for i, node in enumerate(nodes)})
     return reduced, 1e-3 * place[nodes]
 

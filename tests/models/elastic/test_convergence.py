@@ -136,7 +136,7 @@ def test_a_block_that_is_pulled_slips_with_every_finer_mesh_closer_to_the_finest
     runs = []
     for divisions in (4, 8, 16, 32):
         body = body_of_mesh(block_mesh((0.01, 0.01), (divisions, divisions)), density=7800.0, modulus=2.1e11)
-        nodes = body.on("bottom")
+        nodes = body.face_nodes("bottom")
         ports = {f"{axis}.{i}": body.point(node, axis) for axis in "xy" for i, node in enumerate(nodes)}
         reduced = body.reduced(ports | {"left": body.mean("left", "x"), "top": body.mean("top", "y")})
         problem = reduced.in_contact(Coulomb(0.35, 0.35), ("x",), "y", pushed=("left", "top"), areas=body.faces["bottom"][nodes])

@@ -21,7 +21,7 @@ def springs(pad=MINIMAL):
 def point_pad(damping=MINIMAL.damping, preload=MINIMAL.preload, friction=0.9, **options):
     """The minimal model as a body of one node. Its rest is that of the minimal model: there the springs carry the preload."""
     k_xx, k_xy, k_yy = springs()
-    body = ElasticBody(np.eye(2), [[k_xx, k_xy], [k_xy, k_yy]], damping * np.eye(2), entries=[[0, 1]])
+    body = ElasticBody(np.eye(2), [[k_xx, k_xy], [k_xy, k_yy]], damping * np.eye(2), dof_map=[[0, 1]])
     reduced = body.reduced({"along.0": body.point(0, "x"), "into.0": body.point(0, "y")})
     kc = MINIMAL.contact_stiffness
     rest = np.linalg.solve([[k_xx, k_xy], [k_xy, k_yy]], [0.0, -preload])  # pressed, without friction
@@ -44,7 +44,7 @@ def test_a_rigid_mass_on_two_springs_flutters_where_the_closed_form_says(damping
 def test_its_poles_are_those_of_the_linearised_plant():
     pad = point_pad(friction=0.9)
     plant = compose(pad)
-    start = {"pad.displacement": pad.pressed()}
+    start = {"pad.displacement": pad.steady_sliding_displacement()}
     modes = {"touch.0": "closed", "pad.0": "slip-"}
     system = linearise(plant, at=start | {"pad.rate": np.zeros(2)}, mode=modes)
     np.testing.assert_allclose(np.sort_complex(system.poles()), np.sort_complex(pad.poles()), atol=1e-6)
@@ -53,7 +53,7 @@ def test_its_poles_are_those_of_the_linearised_plant():
 def test_while_it_does_not_part_it_moves_as_the_minimal_model():
     """The minimal model counts from the pressed state without friction, this one from the unloaded pad."""
     pad = point_pad()
-    rest = pad.pressed(friction=0.0)
+    rest = pad.steady_sliding_displacement(friction=0.0)
     assert MINIMAL.contact_stiffness * (rest[1] + pad.initial_approach[0]) == pytest.approx(MINIMAL.preload)
     minimal = simulate(compose(MINIMAL), 7.0, start={"pad.position": 0.1}, accuracy=1e-9)
     run = simulate(compose(pad), 7.0, start={"pad.displacement": rest + np.array([0.1, 0.0])}, accuracy=1e-9)
@@ -64,7 +64,7 @@ def test_while_it_does_not_part_it_moves_as_the_minimal_model():
 
 def test_its_energy_is_accounted_for_while_it_parts():
     pad = point_pad(damping=0.02, preload=2.0)
-    run = simulate(compose(pad), 120.0, start={"pad.displacement": pad.pressed() + np.array([0.3, 0.0])}, accuracy=1e-9)
+    run = simulate(compose(pad), 120.0, start={"pad.displacement": pad.steady_sliding_displacement() + np.array([0.3, 0.0])}, accuracy=1e-9)
     assert any(event.element == "touch.0" for event in run.events)
     audit = energy_audit(run)
     assert abs(audit.residual) < 1e-5 * audit.turnover
@@ -78,7 +78,7 @@ def test_a_stiff_block_on_inclined_springs_flutters_where_the_rigid_one_does_and
     onsets = []
     for modulus in (1e13, 1e11, 1e9, 3e7):
         body = body_of_mesh(block_mesh((0.05, 0.02), (2, 1)), density=1000.0, modulus=modulus)
-        face = body.on("bottom")
+        face = body.face_nodes("bottom")
         ports = {f"along.{i}": body.point(node, "x") for i, node in enumerate(face)} | {
             f"into.{i}": -body.point(node, "y") for i, node in enumerate(face)
         }
@@ -98,7 +98,7 @@ def test_a_stiff_block_on_inclined_springs_flutters_where_the_rigid_one_does_and
 
 def test_a_pad_in_a_scene_is_saved_with_its_body_and_runs_alike(tmp_path):
     pad = point_pad()
-    scene = Scene.of(compose(pad), 5.0, element="pad.0", start={"pad.displacement": tuple(1.1 * pad.pressed())})
+    scene = Scene.of(compose(pad), 5.0, element="pad.0", start={"pad.displacement": tuple(1.1 * pad.steady_sliding_displacement())})
     again = Scene.load(scene.save(tmp_path / "pad.toml"))
     assert again.parts == scene.parts
     first, second = (each.run("no controller") for each in (scene, again))
@@ -108,7 +108,11 @@ def test_a_pad_in_a_scene_is_saved_with_its_body_and_runs_alike(tmp_path):
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"initial_approach": (1.0, 2.0)}, "one entry for each contact"), ({"body": 3}, "ReducedBody"), ({"force_ports": "top"}, "no port `top`")],
+    [
+        ({"initial_approach": (1.0, 2.0)}, "one entry for each contact"),
+        ({"body": 3}, "ReducedBody"),
+        ({"force_ports": "top"}, "no port `top`"),
+    ],
 )
 def test_pads_that_are_none_are_refused(changes, words):
     with pytest.raises(SceneError, match=words):
@@ -117,5 +121,5 @@ def test_pads_that_are_none_are_refused(changes, words):
 
 def test_a_pad_that_nothing_presses_hangs_free_and_does_not_flutter():
     pad = point_pad(preload=-1.0)
-    assert (pad.pressed() == 0).all()
+    assert (pad.steady_sliding_displacement() == 0).all()
     assert math.isinf(pad.flutter_friction(up_to=0.5))

@@ -79,9 +79,9 @@ def test_which_contact_is_held_counts_for_the_mount_alone():
 @pytest.mark.slow
 def test_the_last_row_of_the_published_cube_slips_with_the_rigid_slider():
     body = body_of_mesh(block_mesh((0.01,) * 3, (10, 4, 4)), density=7800.0, modulus=2.1e11, damping_time=1e-6).clamped("bottom", "yz")
-    rows = body.rows("bottom", "x", "x")
+    rows = body.node_row_ports("bottom", "x", "x")
     ports = {f"contact.{i}": row for i, row in enumerate(rows)} | {"held": body.mean("left", "x")}
-    elastic = ElasticSlider(body.reduced(ports), tuple(1e5 * body.row_areas("bottom", "x")))
+    elastic = ElasticSlider(body.reduced(ports), tuple(1e5 * body.node_row_areas("bottom", "x")))
     run = simulate(compose(elastic), 0.24, inputs=DRIVE, method="stiff", accuracy=1e-5)
     rigid = simulate(compose(Slider(), PlateContact()), 0.24, inputs=DRIVE, accuracy=1e-9)
     first = {event.element: event.time for event in reversed(run.events) if event.before == "stick"}

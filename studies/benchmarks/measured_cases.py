@@ -6,8 +6,8 @@ The recordings are made here from the published numbers by closed forms, without
             Identification Benchmarks, 2019: 95.1089 kg, 203.5034 N s/m, 20.3935 N, -3.1648 N; 35.15 N/V, position loop at 1 kHz
     PUMA    motors of a PUMA 560: P. I. Corke, B. Armstrong-Helouvry, A search for consensus among model parameters reported for the PUMA 560 robot, IEEE
             Int. Conf. Robotics and Automation (1994) 1608-1613; as in the Robotics Toolbox of P. I. Corke: inertia, viscous and Coulomb friction each way
-    TX40    joint 1 of a Staubli TX40: configuration `staubli_tx40` of FIGAROH (D. V. T. Nguyen and others, IEEE-RAS Humanoids, 2023): drive inertia, viscous
-            and Coulomb friction, offset
+    TX40    joint 1 of a Staubli TX40: repository thanhndv212/figaroh-examples, example `staubli_tx40` of FIGAROH: drive inertia, viscous and Coulomb friction,
+            offset
     MX-64   servo Dynamixel MX-64, and MX-106: M. Duclusaud, G. Passault, V. Padois, O. Ly, Extended friction models for the physics simulation of servo
             actuators, arXiv 2410.08650; numbers of the repository Rhoban/bam: models M1 (Coulomb), M2 (Stribeck) and M3 (load)
     Panda   joint 1 of a Franka Emika Panda: C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, IEEE Robotics and Automation Letters 4 (2019)

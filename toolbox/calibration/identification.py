@@ -12,22 +12,21 @@ A table without times holds steady points: the force is then the friction itself
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import FloatArray
 from toolbox.calibration.channels import TIMES, source_of
 from toolbox.calibration.fit import fit
 from toolbox.calibration.holds import EVIDENCE, fitted_evidence
+from toolbox.calibration.identified import Identification, drag_unit, friction_over_speed, with_derived
 from toolbox.calibration.motion import Run, first_guess, friction_points, runs_of, together
 from toolbox.calibration.recording import Recording, read_channels
 from toolbox.calibration.results import Fit
 from toolbox.calibration.windows import MeasuredContact, Search, Window
 from toolbox.errors import SceneError, SimulationError, Unidentifiable
-from toolbox.files.printing import Rows
 from toolbox.logs.grids import Column
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
@@ -38,8 +37,8 @@ from toolbox.vocabulary import new_names_only
 EVERY_KIND = ("clipped", "drop-out", "reversed", "outlier")
 """Flaws of samples over time, which steady points have not."""
 
-POINTS = 60
-"""Points of a friction curve."""
+SEARCHES = 6
+"""Searches that follow one that ended at friction above every measured force."""
 
 EXPERIMENTS = {
     "static": "raise the force slowly from rest until it moves, several times each way",
@@ -55,59 +54,6 @@ EXPERIMENTS = {
     "shift": "record a step of the force, which marks the clocks of both channels",
 }
 """{last word of a number: experiment that tells it}."""
-
-
-@dataclass(frozen=True)
-class Identification(Fit):
-    """Friction and mass that recordings determine, and the numbers that they do not determine: a `Fit` with its friction curve.
-
-    `print(found)`, `found.plot()` and `found.plot_residuals()` show it.
-
-    Attributes
-    ----------
-    names, units, values, standard_errors, covariance, confidence, interval_factor
-        Estimates, their standard errors and covariance, as for `Fit`.
-    residuals, panels, misfit, data_description, outliers, initial_mismatch, held
-        Data, and their deviation from the model, as for `Fit`.
-    condition_number, at_bounds, fixed_by, unidentifiable, indistinguishable_friction, sampling_errors
-        Quality of the estimates, as for `Fit`.
-    agreeing_starts, starts, exact_derivatives
-        Quality of the search, as for `Fit`.
-    display_units
-        {SI unit: unit that was typed}: the units of report and figure.
-    untold
-        {number that the data do not determine: the reason, and the experiment that would determine it}.
-    points
-        Friction in the data: speed and force, shape (2, points).
-    curve
-        Friction of the fitted law: speed, force and both ends of its confidence interval, shape (4, points).
-    curve_units
-        Units of speed and force of `points` and `curve`.
-    recordings
-        Description of the recordings.
-    """
-
-    untold: Mapping[str, str] = field(default_factory=dict)
-    points: FloatArray = field(default_factory=lambda: np.zeros((2, 0)))
-    curve: FloatArray = field(default_factory=lambda: np.zeros((4, 0)))
-    curve_units: tuple[str, str] = ("m/s", "N")
-    recordings: tuple[str, ...] = ()
-
-    def _told(self) -> list[str | Rows]:
-        lines = [*super()._told()]
-        if self.untold:
-            lines += ["", "What the data do not tell:", *(f"  {name}: {why}" for name, why in self.untold.items())]
-        return [*lines, "", *self.recordings]
-
-    def plot(self) -> Any:
-        """Draw friction over speed: the points of the data, the friction law, and its confidence interval. Return the axes."""
-        from toolbox.calibration.figures import friction_curve  # here, because matplotlib is slow to import
-
-        return friction_curve(self)
-
-    def plot_residuals(self) -> Any:
-        """Draw measurement and model, and the residuals. Return the axes."""
-        return super().plot()
 
 
 @new_names_only
@@ -137,7 +83,7 @@ def identify(
         {signal: column} for all recordings, such as {"time": "t", "axis.position": "pos [mm]", "axis.force": "F [N]"}.
         A column that a recording does not have is left out. By default columns have the names of signals.
     fixed
-        Names of numbers of the part that are known and stay constant, such as "axis.mass".
+        Names of numbers of the part that keep the value of `plant`, such as "axis.mass".
     delayed_signals
         Signals with a time shift that is estimated, such as "axis.force". The estimate is the time by which the signal
         was recorded too late.
@@ -197,7 +143,9 @@ def identify(
     found = work.simplest(friction, directions, names_of(fixed), confidence)
     units = {key: unit for recording, _ in read for key, unit in recording.display_units.items() if key != "s"}
     return dataclasses.replace(
-        found, display_units={**found.display_units, **units}, recordings=tuple(str(recording) for recording, _ in read)
+        found,
+        display_units=with_derived({**found.display_units, **units}, *found.curve_units),
+        recordings=tuple(str(recording) for recording, _ in read),
     )
 
 
@@ -231,8 +179,8 @@ class _Work:
     def __init__(self, part: Any):
         self.part, self.untold = part, dict[str, str]()
 
-    def fitted(self, part: Any, known: Sequence[str], confidence: float) -> Fit:
-        """The fit of a part with all numbers free that are not known, as far as the data tell them."""
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float) -> Fit:
+        """The fit of a part with all numbers free that are not fixed, as far as the data tell them."""
         raise NotImplementedError
 
     def both_ways(self) -> bool:
@@ -247,14 +195,18 @@ class _Work:
         """Mass, level, viscous and offset, about."""
         raise NotImplementedError
 
-    def simplest(self, friction: Any, directions: bool, known: Sequence[str], confidence: float) -> Identification:
+    def evidence(self, simple: Fit, rich: Fit) -> float:
+        """By how much the log-likelihood of the richer law is greater."""
+        return fitted_evidence(simple, rich)
+
+    def simplest(self, friction: Any, directions: bool, fixed: Sequence[str], confidence: float) -> Identification:
         """The simplest law that the data do not contradict, with its curve."""
         about, part = self.guess(), self.part
-        start = {part.body_field: about["mass"]} if f"{part.signal_prefix}.{part.body_field}" not in known else {}
-        if f"{part.signal_prefix}.{part.offset_field}" not in known:
+        start = {part.body_field: about["mass"]} if f"{part.signal_prefix}.{part.body_field}" not in fixed else {}
+        if f"{part.signal_prefix}.{part.offset_field}" not in fixed:
             start[part.offset_field] = 0.0 if directions or not self.both_ways() else about["offset"]
         if directions or not self.both_ways():
-            known = [*known, f"{part.signal_prefix}.{part.offset_field}"]
+            fixed = [*fixed, f"{part.signal_prefix}.{part.offset_field}"]
             self.untold[f"{part.signal_prefix}.{part.offset_field}"] = (
                 "a constant force beside friction cannot be told from friction that differs by direction; it is part of that here" if self.both_ways()
                 else f"it cannot be told from friction in motion one way; it is part of that here. To tell it, {EXPERIMENTS[part.offset_field]}."
@@ -275,12 +227,12 @@ class _Work:
             self.untold = dict(self.untold)
             before, self.untold = self.untold, {}
             try:
-                found = self.fitted(dataclasses.replace(part, friction=each), known, confidence)
+                found = self.fitted(dataclasses.replace(part, friction=each), fixed, confidence)
             except (SceneError, SimulationError):
                 if best is None:
                     raise
                 found = None
-            if found is not None and (best is None or fitted_evidence(best, found) > EVIDENCE + (found.values.size - best.values.size)):
+            if found is not None and (best is None or self.evidence(best, found) > EVIDENCE + (found.values.size - best.values.size)):
                 best, told = found, self.untold
             self.untold = before
             if best is not None and best.white:
@@ -310,9 +262,17 @@ class _Work:
             )
         own = {each.name: getattr(found, each.name) for each in dataclasses.fields(Fit)}
         points = self.points(found)
-        return Identification(**own, untold=untold, points=points, curve=_curve(found, points), curve_units=self.part.units)
+        own["units"] = tuple(self._unit(name, unit) for name, unit in zip(found.names, found.units, strict=True))
+        return Identification(**own, untold=untold, points=points, curve=friction_over_speed(found, points), curve_units=self.part.units)
 
-    def _asked(self, part: Any, known: Sequence[str]) -> list[str]:
+    def _unit(self, name: str, unit: str) -> str:
+        """The unit of a number of the part: its friction law is a force, and no coefficient of a load."""
+        speed, force = self.part.units
+        if not name.startswith(f"{self.part.contact_name}.friction."):
+            return unit
+        return {"1": force, "s/m": drag_unit(force, speed), "s/rad": drag_unit(force, speed)}.get(unit, unit)
+
+    def _asked(self, part: Any, fixed: Sequence[str]) -> list[str]:
         """Numbers of a part that are free."""
         idle = {
             f"{part.signal_prefix}.{name}"
@@ -321,34 +281,7 @@ class _Work:
         }
         system = compose(part)
         idle |= {name for name in system.parameters if name.endswith(".decay") and not float(system.values[system.parameters[name].offset])}
-        return [name for name in system.parameters if name not in idle | {*known} and name not in system.inputs]
-
-
-def _curve(found: Fit, points: np.ndarray) -> np.ndarray:
-    """Speed, friction of the law, and both ends of its interval, over the speeds of the data."""
-    numbers = [(i, name) for i, name in enumerate(found.names) if name in found.parameters]
-    high, low = max(float(points[0].max(initial=0.0)), 0.0), min(float(points[0].min(initial=0.0)), 0.0)
-    speeds = np.concatenate(
-        [side * np.geomspace(1e-3, 1.0, POINTS // 2)[:: int(side)] * abs(end) for side, end in ((-1.0, low), (1.0, high)) if end]
-    )
-
-    def friction(values: np.ndarray) -> np.ndarray:
-        plant = found.misfit.loop.assembly.plant.with_parameters({name: float(values[i]) for i, name in numbers})
-        law = plant.parts[0].friction
-        back = law.reverse()
-        return np.array([float(np.sign(v)) * float((law if v > 0 else back).sliding(abs(float(v)))) for v in speeds])
-
-    middle, slopes = friction(found.values), []
-    for i, _ in numbers:
-        step = np.zeros(found.values.size)
-        step[i] = 1e-4 * max(abs(found.values[i]), 1e-9)
-        word = found.names[i].rpartition(".")[2]
-        sign = -1.0 if word == "kinetic" else 1.0  # a kinetic friction is at most the static one
-        slopes.append((friction(found.values + sign * step) - middle) / (sign * step[i]))
-    places = [i for i, _ in numbers]
-    covariance = np.where(np.isfinite(found.covariance), found.covariance, 0.0)[np.ix_(places, places)]
-    wide = found.interval_factor * np.sqrt(np.maximum(np.einsum("in,ij,jn->n", np.array(slopes), covariance, np.array(slopes)), 0.0))
-    return np.stack([speeds, middle, middle - wide, middle + wide])
+        return [name for name in system.parameters if name not in idle | {*fixed} and name not in system.inputs]
 
 
 class _Steady(_Work):
@@ -381,10 +314,16 @@ class _Steady(_Work):
                 "viscous": max(slope, 0.01 * size / np.abs(self.speed).max()),
                 "offset": offset[0] if offset else 0.0, "speed": slow}  # fmt: skip
 
-    def fitted(self, part: Any, known: Sequence[str], confidence: float) -> Fit:
+    def evidence(self, simple: Fit, rich: Fit) -> float:
+        """By how much the log-likelihood of the richer law is greater: each point is a measurement of its own, so neighbours count in full."""
+        least = 1e-9 * float(np.abs(self.force).max())
+        powers = [max(each.residuals[0].rms, least) for each in (simple, rich)]
+        return self.force.size * math.log(powers[0] / powers[1])
+
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float) -> Fit:
         body = f"{part.signal_prefix}.{part.body_field}"
-        free = [name for name in self._asked(part, known) if name != body]
-        if body not in known:
+        free = [name for name in self._asked(part, fixed) if name != body]
+        if body not in fixed:
             self.untold[body] = f"steady speeds do not depend on it. To tell it, {EXPERIMENTS[part.body_field]}."
         data = {"time": np.arange(self.speed.size, dtype=float), **self.data}
         recording = Recording.of(data, compose(part), accepted_flaws=EVERY_KIND)
@@ -394,6 +333,7 @@ class _Steady(_Work):
             recording,
             free,
             self.untold,
+            lambda _: False,
             contact=MeasuredContact(part.contact_name, standstill_speed=still),
             starts=Search(8),
             confidence=confidence,
@@ -420,8 +360,8 @@ class _Moving(_Work):
     def guess(self) -> dict[str, float]:
         return first_guess(self.runs, getattr(self.part, self.part.body_field), self.both_ways())
 
-    def fitted(self, part: Any, known: Sequence[str], confidence: float) -> Fit:
-        free, body = self._asked(part, known), f"{part.signal_prefix}.{part.body_field}"
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float) -> Fit:
+        free, body = self._asked(part, fixed), f"{part.signal_prefix}.{part.body_field}"
         if body in free and not any(run.driven for run in self.runs):
             free.remove(body)
             self.untold[body] = (
@@ -438,11 +378,22 @@ class _Moving(_Work):
             self.recording,
             [*free, *starts, *self.shifts],
             self.untold,
+            self._rests,
             window=windows,
             starts=Search(1),
             confidence=confidence,
             zero_order_hold=self.held,
         )
+
+    def _rests(self, values: Mapping[str, float]) -> bool:
+        """Whether no measured force would move the body as it moved, both ways or one: a search finds no slope that leads back from there."""
+        offset = values.get(f"{self.part.signal_prefix}.{self.part.offset_field}", 0.0)
+        bounds = [value for name, value in values.items() if name.endswith(".static")]
+        forces = [run.force - offset for run in self.runs if run.driven]
+        if not (bounds and forces):
+            return False
+        tops = max(float(force.max()) for force in forces), max(float(-force.min()) for force in forces)
+        return min(bounds) >= (min(tops) if self.both_ways() else max(tops))
 
     def points(self, found: Fit) -> np.ndarray:
         fitted = found.misfit.loop.assembly.plant.with_parameters(found.parameters).parts[0]
@@ -472,13 +423,32 @@ def _released(part: Any, found: Fit, silent: Sequence[str]) -> Any:
     ).parts[0]
 
 
-def _told(part: Any, recording: Recording, free: Sequence[str], untold: dict[str, str], **options: Any) -> Fit:
-    """The fit of those numbers that the data tell; of all others `untold` gets a sentence, and they stay where the search left them."""
+def _told(
+    part: Any,
+    recording: Recording,
+    free: Sequence[str],
+    untold: dict[str, str],
+    astray: Callable[[Mapping[str, float]], bool],
+    **options: Any,
+) -> Fit:
+    """The fit of those numbers that the data tell; of all others `untold` gets a sentence, and they stay where the search left them.
+
+    astray: whether a search that ended at these numbers has lost its way, so that more searches follow.
+    """
     free = list(free)
+
+    def again(values: Mapping[str, float]) -> bool:
+        if options["starts"].starts > 1 or not astray(values):
+            return False
+        options["starts"] = Search(SEARCHES)
+        return True
+
     while True:
         windows = options.get("window")
         try:
             found = fit(compose(part), recording, free, **options)
+            if again(dict(zip(found.names, found.values.tolist(), strict=True))):
+                continue
             silent = [name for name in found.unidentifiable if name.endswith(".static")]
             if not silent:
                 return found
@@ -487,6 +457,8 @@ def _told(part: Any, recording: Recording, free: Sequence[str], untold: dict[str
                 free.remove(name)
                 untold[name] = f"every break-away falls on a jump of the force, which passes it. To tell it, {EXPERIMENTS['static']}."
         except Unidentifiable as error:
+            if again(error.values):
+                continue
             plain = [name.partition("[")[0] for name in error.names if name.partition("[")[0] in free]
             order = [
                 name

@@ -391,7 +391,8 @@ class LeastSquares:
         from scipy.optimize import OptimizeResult, leastsq
 
         low, high = self.low / size + 1e-3, self.high / size - 1e-3
-        with contextlib.suppress(SceneError, SimulationError):
+        # the covariance that scipy adds is not used, and of a number without influence it overflows
+        with contextlib.suppress(SceneError, SimulationError), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             if np.all(given["x0"] > low) and np.all(given["x0"] < high):
                 tolerances = {name: given[name] for name in ("xtol", "ftol", "gtol")}
                 x, _, told, _, status = leastsq(
@@ -413,6 +414,11 @@ class LeastSquares:
 
     def _identifiable(self, names: Sequence[str], per_part: np.ndarray, at: Mapping[str, float]) -> float:
         """Condition of the scaled Jacobian; raises SceneError where it is singular, and names what is to blame."""
+        if not names:
+            raise Unidentifiable(
+                "Argument `free` must hold numbers that the data depend on, but none of them changes a measured signal at the optimum.",
+                list(self.names), True, at,
+            )  # fmt: skip
         length = np.sqrt((per_part**2).mean(axis=0))
         mute = [name for name, size in zip(names, length, strict=True) if size < MUTE]
         if mute:

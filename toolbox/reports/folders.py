@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from toolbox.calibration.identification import Identification
+from toolbox.calibration.identified import Identification
 from toolbox.calibration.results import Fit
 from toolbox.drilling.answer_results import Answers
 from toolbox.drilling.depth_windows import Windows

@@ -1,0 +1,123 @@
+"""What an identification found: numbers of an axis or a joint with the friction curve, the data in it, and what the data do not tell."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray
+from toolbox.calibration.panels import TIME, Panel
+from toolbox.calibration.results import Fit
+from toolbox.files.printing import Rows
+
+POINTS = 60
+"""Points of a friction curve."""
+
+
+@dataclass(frozen=True)
+class Identification(Fit):
+    """Friction and mass that recordings determine, and the numbers that they do not determine: a `Fit` with its friction curve.
+
+    `print(found)`, `found.plot()` and `found.plot_residuals()` show it.
+
+    Attributes
+    ----------
+    names, units, values, standard_errors, covariance, confidence, interval_factor
+        Estimates, their standard errors and covariance, as for `Fit`.
+    residuals, panels, misfit, data_description, outliers, initial_mismatch, held
+        Data, and their deviation from the model, as for `Fit`.
+    condition_number, at_bounds, fixed_by, unidentifiable, indistinguishable_friction, sampling_errors
+        Quality of the estimates, as for `Fit`.
+    agreeing_starts, starts, exact_derivatives
+        Quality of the search, as for `Fit`.
+    display_units
+        {SI unit: unit that was typed}: the units of report and figure.
+    untold
+        {number that the data do not determine: the reason, and the experiment that would determine it}.
+    points
+        Friction in the data: speed and force, shape (2, points).
+    curve
+        Friction of the fitted law: speed, force and both ends of its confidence interval, shape (4, points).
+    curve_units
+        Units of speed and force of `points` and `curve`.
+    recordings
+        Description of the recordings.
+    """
+
+    untold: Mapping[str, str] = field(default_factory=dict)
+    points: FloatArray = field(default_factory=lambda: np.zeros((2, 0)))
+    curve: FloatArray = field(default_factory=lambda: np.zeros((4, 0)))
+    curve_units: tuple[str, str] = ("m/s", "N")
+    recordings: tuple[str, ...] = ()
+
+    def _told(self) -> list[str | Rows]:
+        lines = [*super()._told()]
+        if self.untold:
+            lines += ["", "What the data do not tell:", *(f"  {name}: {why}" for name, why in self.untold.items())]
+        return [*lines, "", *self.recordings]
+
+    def plot(self) -> Any:
+        """Draw friction over speed: the points of the data, the friction law, and its confidence interval. Return the axes."""
+        from toolbox.calibration.figures import friction_curve  # here, because matplotlib is slow to import
+
+        return friction_curve(self)
+
+    def plot_residuals(self) -> Any:
+        """Draw measurement and model, and the residuals, each run over its own time. Return the axes."""
+        return Fit.plot(dataclasses.replace(self, panels=tuple(_from_zero(panel) for panel in self.panels)))
+
+
+def _from_zero(panel: Panel) -> Panel:
+    """The panel of a run with its time from 0, and its number in words: "joint.angle, run 2" for "joint.angle[2]"."""
+    if panel.over != TIME or not panel.x.size:
+        return panel
+    signal, _, run = panel.name.removesuffix("]").partition("[")
+    begin = float(panel.x[0])
+    return dataclasses.replace(panel, name=f"{signal}, run {run}" if run else signal, x=panel.x - begin, sticks=panel.sticks - begin)
+
+
+def drag_unit(force: str, speed: str) -> str:
+    """The unit of viscous friction: "N s/m" of "N" and "m/s", "N m/rpm" of "N m" and "rpm"."""
+    place, over, _ = speed.partition("/s")
+    return f"{force} s/{place}" if over else f"{force}/{speed}"
+
+
+def with_derived(typed: Mapping[str, str], speed: str, force: str) -> dict[str, str]:
+    """Typed units with those that follow from them: of the speed, if the log holds the position alone, and of viscous friction."""
+    found, place = dict(typed), speed.removesuffix("/s")
+    if place in found:
+        found.setdefault(speed, f"{found[place]}/s")
+    if speed in found or force in found:
+        found.setdefault(drag_unit(force, speed), drag_unit(found.get(force, force), found.get(speed, speed)))
+    return found
+
+
+def friction_over_speed(found: Fit, points: np.ndarray) -> np.ndarray:
+    """Speed, friction of the law, and both ends of its interval, over the speeds of the data."""
+    numbers = [(i, name) for i, name in enumerate(found.names) if name in found.parameters]
+    high, low = max(float(points[0].max(initial=0.0)), 0.0), min(float(points[0].min(initial=0.0)), 0.0)
+    speeds = np.concatenate(
+        [side * np.geomspace(1e-3, 1.0, POINTS // 2)[:: int(side)] * abs(end) for side, end in ((-1.0, low), (1.0, high)) if end]
+    )
+
+    def friction(values: np.ndarray) -> np.ndarray:
+        plant = found.misfit.loop.assembly.plant.with_parameters({name: float(values[i]) for i, name in numbers})
+        law = plant.parts[0].friction
+        back = law.reverse()
+        return np.array([float(np.sign(v)) * float((law if v > 0 else back).sliding(abs(float(v)))) for v in speeds])
+
+    middle, slopes = friction(found.values), []
+    for i, _ in numbers:
+        step = np.zeros(found.values.size)
+        step[i] = 1e-4 * max(abs(found.values[i]), 1e-9)
+        word = found.names[i].rpartition(".")[2]
+        sign = -1.0 if word == "kinetic" else 1.0  # a kinetic friction is at most the static one
+        slopes.append((friction(found.values + sign * step) - middle) / (sign * step[i]))
+    places = [i for i, _ in numbers]
+    covariance = np.where(np.isfinite(found.covariance), found.covariance, 0.0)[np.ix_(places, places)]
+    wide = found.interval_factor * np.sqrt(np.maximum(np.einsum("in,ij,jn->n", np.array(slopes), covariance, np.array(slopes)), 0.0))
+    return np.stack([speeds, middle, middle - wide, middle + wide])

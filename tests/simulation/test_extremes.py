@@ -427,7 +427,7 @@ VERBS = {
     ),
     "impedance speed": (lambda bad: toolbox.impedance(StiffPI(), frequency=[1.0], speed=bad), "speed", NO_NUMBERS),
     "reflection impedance": (lambda bad: toolbox.steady_states.reflection(bad, 1.0), "impedance", (math.nan, "strong", None, [1.0, math.nan])),
-    "smoothed matched": (lambda bad: toolbox.modelling.smoothed(BELT, 0.1, match_static_peak=bad), "matched", NO_NUMBERS),
+    "smoothed matched": (lambda bad: toolbox.modelling.smoothed(BELT, 0.1, match_static_peak=bad), "match_static_peak", NO_NUMBERS),
     "part": (lambda bad: compose(BlockOnBelt(mass=bad)), "mass", NO_NUMBERS),
 }  # fmt: skip
 

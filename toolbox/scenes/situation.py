@@ -58,7 +58,7 @@ class Situation:
         design
             How the controllers were designed, in words; by default once, at the set-point of the loop.
         """
-        lumped = [words for part in loop.plant.parts if (words := getattr(part, "lumped", ""))]
+        lumped = [words for part in loop.plant.parts if (words := getattr(part, "mode_summary", ""))]
         plant = plants + "".join(f" ({words})" for words in lumped)
         return cls(plant, f"started from {start}", design or _design(loop), _surroundings(loop), duration)
 

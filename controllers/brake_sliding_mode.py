@@ -29,10 +29,10 @@ class BrakeSlidingMode(BrakeLaw):
 
     The plan of the stop and the limits of the command are described in the base class `controllers.brake_law.BrakeLaw`.
 
-    w is the disc speed, w_p the planned speed, T the measured brake torque and N the force of one pad. lam is the
-    weight of the integral, eta the reaching rate and width the half-width of the boundary layer. The coefficient of
-    friction mu is measured: it is limited to 0.5 to 2 times the expected `friction` and averaged over `filter_time`.
-    With `filter_time` 0 it is the value of the last sample.
+    w is the disc speed, w_p the planned speed, T the measured brake torque and N the force of one pad. lam, eta and
+    width are the fields `surface_gain`, `reaching_rate` and `boundary_layer`. The coefficient of friction mu is
+    measured: it is limited to 0.5 to 2 times the expected `friction` and averaged over `filter_time`. With
+    `filter_time` 0 it is the value of the last sample.
 
     The sign function is discretised implicitly, sgn(s_(k+1)) = sat(s_k / (eta period)). The boundary layer is therefore
     never thinner than eta times the period, and the force does not chatter.

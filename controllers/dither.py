@@ -155,13 +155,13 @@ class SweptDither(NormalDither):
 
 @dataclass(frozen=True, kw_only=True)
 class PhasedDither(LoadDither):
-    """Dither of a normal load in phase with the slip speed: load = mean (1 + depth clip((v - reference) / size, -1, 1)).
+    """Dither of a normal load in phase with the slip speed: load = mean (1 + depth clip((v - reference) / speed_scale, -1, 1)).
 
     v is the signal `speed`. The load is higher while the contact slips faster than on average, so friction rises with
     speed.
 
-    - `speed_scale` is the deviation of v at which the full depth is reached. It is negative if the slip speed falls while v
-      rises. Example: a block on a moving belt, whose slip speed falls while the block moves with the belt.
+    - `speed_scale` is the deviation of v at which the full depth is reached. It is negative if the slip speed falls
+      while v rises. Example: a block on a moving belt, whose slip speed falls while the block moves with the belt.
     - `unit` is by default the unit of the signal `speed` in the plant.
 
     Continuous or sampled.

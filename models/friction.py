@@ -179,10 +179,10 @@ class GaussianStribeck(_Falling):
 
 @dataclass(frozen=True)
 class RationalStribeck(_Falling):
-    """Friction that falls as a hyperbola and rises again: mu(v) = kinetic + (static - kinetic) / (1 + decay |v|) + rise v^2.
+    """Friction that falls as a hyperbola and rises again: mu(v) = kinetic + (static - kinetic) / (1 + decay |v|) + quadratic_rise v^2.
 
     U. Galvanetto and S. R. Bishop write this law as (1 - delta) / (1 + gamma |v|) + delta + eta v^2. `Hyperbolic` is
-    the special case kinetic = rise = 0.
+    the special case kinetic = quadratic_rise = 0.
 
     Range of validity: any speed.
 

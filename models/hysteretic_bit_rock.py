@@ -57,8 +57,8 @@ class HystereticBitRock(Component):
         rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   T0 = W R_b mu(|w|) sgn w,   J w' = M - T
         switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down, any value between at w' = 0
 
-    The rate form is used if `hysteresis_steepness` is given, otherwise the switched form. M is the torque of the string on the bit and
-    J the inertia of the bit.
+    beta0 and beta1 are the fields `hysteresis_fraction` and `hysteresis_steepness`. The rate form is used if beta1 is
+    given, otherwise the switched form. M is the torque of the string on the bit and J the inertia of the bit.
 
     - Needs the signals `bit.speed` w [rad/s], `bit.free_acceleration` M/J [rad/s2], `bit.inertia` J [kg m2] and
       `bit.weight` W [N] (default: the field `weight`).
@@ -125,8 +125,9 @@ class SmoothHystereticBitRock(SmoothBitRock):
         rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   J w' = M - T
         switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down, any value between at w' = 0
 
-    The rate form is used if `hysteresis_steepness` is given, otherwise the switched form. The signals are the same as for
-    `HystereticBitRock`. There is no contact, so the bit never sticks.
+    beta0 and beta1 are the fields `hysteresis_fraction` and `hysteresis_steepness`. The rate form is used if beta1 is
+    given, otherwise the switched form. The signals are the same as for `HystereticBitRock`. There is no contact, so the
+    bit never sticks.
 
     beta0 and beta1 are assumed. Range of validity: as for `SmoothBitRock`, with beta0 <= 1.
 

@@ -28,8 +28,8 @@ class RateAndState(FrictionLaw):
 
     - Nothing sticks exactly: a contact at rest creeps.
     - On rock the speed v_0 exp(-mu_0 / a) is below 1e-30 m/s, and no computation can pass it from rest. Below the speed
-      `regularisation_speed`, which is chosen, friction is therefore viscous: the friction at the speed sqrt(v^2 + floor^2), multiplied
-      by v / sqrt(v^2 + floor^2).
+      `regularisation_speed` (floor), which is chosen, friction is therefore viscous: the friction at the speed sqrt(v^2
+      + floor^2), multiplied by v / sqrt(v^2 + floor^2).
 
     The state of a contact `pad` is `pad.age` psi. It begins at 0, which is steady sliding at v_0.
 

@@ -15,14 +15,14 @@ from toolbox.calibration import Recording, Search
 class Axis(Component):
     mass: Quantity = quantity(80.0, "kg", "mass", above=0)
     viscous: Quantity = quantity(150.0, "N s/m", "viscous friction", at_least=0)
-    force_offset: Quantity = quantity(0.1, "N", "offset of the force")
+    offset: Quantity = quantity(0.1, "N", "offset of the force")
     friction: FrictionLaw = Coulomb(static=15.0, kinetic=15.0)
 
     def equations(self, signal):
         x, v = state("axis.position", "m"), state("axis.speed", "m/s")
         rail = DryFriction("rail", v, self.friction)
         force = signal("axis.force", "N", default=0.0)
-        return Equations(flow={x: v, v: (force - self.force_offset - self.viscous * v + rail.force) / self.mass}, elements=[rail])
+        return Equations(flow={x: v, v: (force - self.offset - self.viscous * v + rail.force) / self.mass}, elements=[rail])
 
 
 def lap(seconds=6.0):

@@ -117,7 +117,7 @@ def test_rational_friction_holds_the_laws_of_leine_and_of_galvanetto_and_bishop(
     leine = simulate(compose(oscillators.LEINE), 40.0)
     same = simulate(compose(BlockOnBelt(friction=RationalStribeck(static=1.0, kinetic=0.0, decay=3.0))), 40.0)
     assert [event.time for event in same.events] == pytest.approx([event.time for event in leine.events], rel=1e-12)
-    assert compose(wells.JANSEN_2, BitRock(friction=RationalStribeck())).parameters["bit.friction.rise"].unit == "s2/rad2"
+    assert compose(wells.JANSEN_2, BitRock(friction=RationalStribeck())).parameters["bit.friction.quadratic_rise"].unit == "s2/rad2"
 
 
 def test_tabulated_friction_goes_through_its_table_and_stays_at_its_end():

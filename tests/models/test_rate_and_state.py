@@ -117,7 +117,7 @@ def test_rate_and_state_serves_bits_and_brakes_in_their_units():
     rig = compose(wells.NAVARRO_LOPEZ_4, BitRock(friction=law))
     assert {name: entry.unit for name, entry in rig.parameters.items() if "friction" in name} == {
         "bit.friction.base": "1", "bit.friction.direct": "1", "bit.friction.evolving": "1", "bit.friction.distance": "rad",
-        "bit.friction.speed": "rad/s", "bit.friction.floor": "rad/s",
+        "bit.friction.speed": "rad/s", "bit.friction.regularisation_speed": "rad/s",
     }  # fmt: skip
     run = simulate(rig, 30.0, inputs={"top.torque": 9000.0}, accuracy=1e-8)
     assert energy_audit(run).relative < 1e-6

@@ -33,7 +33,7 @@ tangent = ["x"]
 normal = "z"
 force_ports = ["top"]
 support_port = "back"
-stiffness = "0.1 N/mm"
+support_stiffness = "0.1 N/mm"
 friction = { law = "Coulomb", static = 0.4, kinetic = 0.3 }
 
 [[controllers]]
@@ -281,7 +281,7 @@ def test_the_command_writes_report_figure_and_data_that_agree_with_the_run(writt
         ('normal = "z"', 'loads = ["1 N", "-1 N"]', "`loads` of elasticface must be >= 0"),
         ('support_port = "back"', "", "must come with `support_port`"),
         ('support_port = "back"', 'support_port = "bak"', "There is no port `bak`: did you mean `back`"),
-        ('"0.1 N/mm"', '"0.1 N"', "`ElasticFace.stiffness` must be in N/m"),
+        ('"0.1 N/mm"', '"0.1 N"', "`ElasticFace.support_stiffness` must be in N/m"),
         ('"feet.npz"', '"foot.npz"', "did you mean `feet.npz`"),
         ('part = "ElasticFace"', 'part = "ElasticFac"', "did you mean `ElasticFace`"),
         ('label = "heavy"', 'label = "light"', "The labels of controllers must differ"),

@@ -218,7 +218,9 @@ def test_a_run_that_failed_is_read_back_as_far_as_it_came(tmp_path):
 def test_what_a_file_does_not_hold_is_refused_by_name(tmp_path):
     run = simulate(RIG, 5.0)
     back = Trajectory.load(run.save(tmp_path / "run.npz"))
-    with pytest.raises(SceneError, match=r"does not say its error: `error` needs the plant; ask it before `save`, or `pickle` the run"):
+    with pytest.raises(
+        SceneError, match=r"does not say its error: `error_estimate` needs the plant; ask it before `save`, or `pickle` the run"
+    ):
         back.error_estimate  # noqa: B018
     with pytest.raises(SceneError, match=r"cannot be carried on: `last` needs the plant"):
         back.last  # noqa: B018

@@ -441,7 +441,7 @@ class _Moving(_Work):
             window=windows,
             starts=Search(1),
             confidence=confidence,
-            held=self.held,
+            zero_order_hold=self.held,
         )
 
     def points(self, found: Fit) -> np.ndarray:

@@ -99,7 +99,7 @@ def _saved(nodes: SavedSteps, signal: str, begin: float, end: float, cuts: tuple
         """(times, values), shape (steps, places)."""
         times = low[:, None] + (high - low)[:, None] * places
         times[:, -1] = np.where(places[-1] == 1.0, high, times[:, -1])
-        found = np.asarray(nodes.inside(np.repeat(row, places.size), times.ravel())[signal])
+        found = np.asarray(nodes.interpolated(np.repeat(row, places.size), times.ravel())[signal])
         return times, found.reshape(times.shape)
 
     extrema = []

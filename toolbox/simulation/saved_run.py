@@ -79,7 +79,7 @@ def write(run: Any, target: Path, names: Sequence[str] | None = None) -> Path:
         "asked.typed": np.array(list(run.display_units.values()), dtype=np.str_),
     }
     written["report"] = np.array(run._headlines, dtype=np.str_)
-    written["error"] = np.array(vars(run).get("error", np.nan))
+    written["error"] = np.array(vars(run).get("error_estimate", np.nan))
     written["accuracy"] = np.array(run.accuracy)
     with replaced(target) as file:
         np.savez(file, **written)  # type: ignore[arg-type]  # packed it would be half as long, and take ten times the time of all the rest
@@ -296,13 +296,13 @@ class SavedSteps:
         if self._degree.shape != time.shape or any(len(each) not in (count, time.size) for each in signals.values()):
             raise ValueError("its steps do not fit to one another")
 
-    def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> SavedSamples[Any]:
+    def interpolated(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> SavedSamples[Any]:
         """Signals at times within the steps that begin at the nodes `row`; at the end of a step what it came to, before any switch there."""
         return SavedSamples(self, row, times, single)
 
     def at(self, times: np.ndarray) -> SavedSamples[FloatArray]:
         """Signals at any times within the run; right-hand limits at events."""
-        return self.inside(np.maximum(np.searchsorted(self.time, times, side="right") - 1, 0), times)
+        return self.interpolated(np.maximum(np.searchsorted(self.time, times, side="right") - 1, 0), times)
 
     def values(self, name: str, row: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Values of a signal at times within the steps that begin at the nodes `row`."""
@@ -340,11 +340,11 @@ class SavedRun(Recorded):
         Time reached [s].
     names
         Names of all signals.
-    nodes
+    every_step
         The steps of the run.
     contacts, main_signals
         Names of the elements with friction, and of the signals that a plot shows.
-    limits
+    signal_limits
         {signal: (lowest, highest)} that the drive and the laws keep signals within.
     display_units
         {unit: unit that was typed}: the units in which reports and figures of the run answer.
@@ -450,7 +450,7 @@ class SavedRun(Recorded):
         """What `run.error_estimate` was when the run was saved. Raises SceneError where it had not been asked: it is measured by a second run."""
         if np.isnan(self._error):
             raise SceneError(
-                f"The run read from `{self.path}` does not say its error: `error` needs the plant; ask it before `save`, or `pickle` the run."
+                f"The run read from `{self.path}` does not say its error: `error_estimate` needs the plant; ask it before `save`, or `pickle` the run."
             )
         return self._error
 

@@ -271,7 +271,7 @@ def main() -> None:
                 xlim=(grid[0][0], grid[0][-1]),
                 ylim=(grid[1][0], grid[1][-1]),
             )
-            figure.colorbar(shade, label="slow swing, in parts of that without dither [1]", extend="max")
+            figure.colorbar(shade, label="slow swing as a fraction of\nthe swing without dither", extend="max")
             handles, labels = ax.get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
             figure.savefig(folder / "map_dither.png", dpi=110)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -192,6 +192,9 @@ class DrillString(TorsionalChain):
             name=name,
             **fields,
         )
+
+    torque_drag_result: ClassVar[type] = TorqueDragOperations
+    """Class of the result of `torque_and_drag`."""
 
     @staticmethod
     def torque_and_drag(tables: Mapping[str, Any], **changes: Any) -> TorqueDragOperations:

@@ -60,7 +60,8 @@ def _refuse_former_column_heads():
 
         return refusing
 
-    printing.columns = checked(printing.columns, lambda rows, *_: rows[0] if rows else ())
+    # a list of fields (`left` is a range) has no heads
+    printing.columns = checked(printing.columns, lambda rows, left=(0,), *_: rows[0] if rows and not isinstance(left, range) else ())
     printing._grid = checked(printing._grid, lambda headings, *_: headings)
     tables.write = checked(tables.write, lambda path, headings, *_: [word.split(" [")[0] for word in headings])
 

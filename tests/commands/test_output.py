@@ -170,7 +170,7 @@ def test_list_finds_by_name_first_and_else_by_what_is_said(capsys):
         ("soft torque", "SoftTorque"),
         ("z-torque", "ZTorque"),
         ("friction", "FrictionDamper"),
-        ("observer", "observers.DisturbanceObserver"),
+        ("observer", "StringObserverController"),
     ):
         assert main(["list", typed]) == 0
         assert capsys.readouterr().out.splitlines()[1].startswith(f"  {name}: "), typed

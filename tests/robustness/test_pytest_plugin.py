@@ -254,8 +254,8 @@ def test_a_loop_with_too_little_margin_shows_its_table_and_its_nyquist_curve(che
 
 def test_a_law_that_switches_is_judged_by_what_is_measured(checks, rig):
     loop = closed_loop(rig, IdealSlidingMode(reference=6.0))
-    checks.robust(loop, gain=(0.8, 1.2), duration=30.0)
-    text = failure(checks.robust, loop, disk_margin=0.1, duration=30.0)
+    checks.robust(loop, gain=(0.8, 1.2), simulation_duration=30.0)
+    text = failure(checks.robust, loop, disk_margin=0.1, simulation_duration=30.0)
     assert "There is no linear loop" in text and "but it is nan" in text
 
 

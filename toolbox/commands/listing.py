@@ -231,7 +231,7 @@ def _shown(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.10g}"
     if type(value) in (Controller, Observer):
-        return "that beside `inside`" if type(value) is Controller else "required"
+        return "the controller under `law`" if type(value) is Controller else "required"
     if isinstance(value, Controller):
         return type(value).__name__
     if dataclasses.is_dataclass(value):

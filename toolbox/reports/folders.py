@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from toolbox.reports.machine import usual_units
 from toolbox.reports.sections import KINDS, Section, picture, preformatted
 from toolbox.robustness.joint_errors import SmallestError
 from toolbox.robustness.margins import Margins
+from toolbox.scenes import catalogue
 from toolbox.scenes.contact_scene import load_scene
 from toolbox.scenes.scene import Scene
 from toolbox.scenes.verdict_table import failures, in_cells, judged_by, read_table
@@ -164,8 +164,8 @@ def _one(title: str, name: str, kind: Any) -> Kind:
 
 
 def _torque_drag(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
-    """The operations of a rig; their class is one of the models, which stand above this room."""
-    return _loaded("torquedrag.txt", (import_module("models").TorqueDragOperations, "torquedrag.npz"))(folder, scene)
+    """The operations of a rig; their class is that of the part, which stands above this room."""
+    return _loaded("torquedrag.txt", (catalogue.part("DrillString").torque_drag_result, "torquedrag.npz"))(folder, scene)
 
 
 def _simulation(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:

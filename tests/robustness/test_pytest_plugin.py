@@ -13,6 +13,7 @@ import pytest
 
 from controllers import PI, IdealSlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
+from tests import public  # noqa: F401 (loads all modules: `pytester` forgets those that are first loaded inside of it)
 from toolbox import Sampled, SceneError, closed_loop, compose, inputs, measure, simulate
 from toolbox.robustness.checks import Checks, Perturbation
 

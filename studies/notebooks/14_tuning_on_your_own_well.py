@@ -79,7 +79,7 @@ finer = compose(fine, BitRock(weight=65e3))
 runs = {label: simulate(finer, 60.0, controller=law) for label, law in (("as published", found.controller), ("tuned", found.law))}
 for label, run in runs.items():
     print(
-        f"{label:14} stuck {run.time_in('bit', 'stick', after=30.0):4.1f} of the last 30 s, severity {measure.severity(run, "bit.speed", after=30.0):.2f}"
+        f"{label:14} stuck {run.time_in('bit', 'stick', after=30.0):4.1f} of the last 30 s, severity {measure.severity(run, 'bit.speed', after=30.0):.2f}"
     )
 axes = plot.comparison(runs, "bit.speed", "bit")
 

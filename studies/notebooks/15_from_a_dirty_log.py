@@ -66,7 +66,7 @@ print(f"{len(data)} windows are used, {len(left_out)} are left out")
 shared = {"bit.friction.static": Uniform(0.5, 1.0), "bit.friction.kinetic": Uniform(0.3, 0.5)}
 priors = {
     "exponential": {**shared, "bit.friction.decay": LogNormal(0.9, 0.5)},
-    "Gaussian": {**shared, "bit.friction.speed": LogNormal(1.25, 0.5)},
+    "Gaussian": {**shared, "bit.friction.stribeck_speed": LogNormal(1.25, 0.5)},
     "constant": shared,
 }
 compared = compare_models(models, data, priors, 19.96, left_out=left_out, metrics=read, draws=96)

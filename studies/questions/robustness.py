@@ -102,7 +102,7 @@ def limit_at(speed: float, measured_signals: Any = "top.speed") -> float:
 
 def disk_table(speeds: Sequence[float] = SPEEDS) -> dict[str, list[float]]:
     """{law: disk margins over the set-points}, then the limits."""
-    found = {label: [found_at(label, speed, measured=False).disk_margin for speed in speeds] for label in LAWS}
+    found = {label: [found_at(label, speed, by_simulation=False).disk_margin for speed in speeds] for label in LAWS}
     found["limit, top speed"] = [limit_at(speed) for speed in speeds]
     found["limit, top and bit speed"] = [limit_at(speed, ("top.speed", "bit.speed")) for speed in speeds]
     return found
@@ -162,7 +162,7 @@ def picture(path: Path, absorbing: tuple[float, float], points: int = 25) -> Non
     lifting = (gains.label_of(family) for family in TUNED if gains.FAMILIES[family].lifts)
     drawn = ("stiff PI", "soft torque", "LQG", "LQG, tuned", "impedance, tuned", *lifting)
     for k, label in enumerate(drawn):
-        values = [found_at(label, speed, measured=False).disk_margin for speed in speeds]
+        values = [found_at(label, speed, by_simulation=False).disk_margin for speed in speeds]
         look = plot.LINES[k % len(plot.LINES)]
         ax.plot(
             speeds, values, **look, marker=marks[k], ms=4.5, markevery=(k % 3, 3), mfc="white" if k >= len(plot.LINES) else look["color"]

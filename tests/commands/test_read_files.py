@@ -152,11 +152,21 @@ def well(tmp_path_factory):
     run = simulate(Scene.load(folder / "rig.toml")["PI"], 20.0, output_times=np.linspace(0.0, 20.0, 201))
     names = {"top.speed": "rad/s", "top.torque": "N m", "bit.speed": "rad/s"}
     heads = ",".join(["time [s]", *(f"{name} [{unit}]" for name, unit in names.items())])
+    np.savetxt(
+        folder / "steady.csv", [[0.1, 8.5], [0.3, 15.5], [0.6, 26.0]], delimiter=",", header="axis.speed [m/s],axis.force [N]", comments=""
+    )
     np.savetxt(folder / "log.csv", np.column_stack([run.time, *(run[name] for name in names)]), delimiter=",", header=heads, comments="")
     return folder
 
 
-FILES = {"RIG": "rig.toml", "OTHER": "other.toml", "LOG": "log.csv", "WELL": "well.toml", "INCLINED": str(SCENES / "aarsnes_shor.toml")}
+FILES = {
+    "RIG": "rig.toml",
+    "OTHER": "other.toml",
+    "LOG": "log.csv",
+    "STEADY": "steady.csv",
+    "WELL": "well.toml",
+    "INCLINED": str(SCENES / "aarsnes_shor.toml"),
+}
 
 
 @pytest.mark.slow

@@ -86,7 +86,7 @@ def test_the_margin_is_the_distance_to_the_loss_of_smooth_running():
     loop = closed_loop(RIG, StiffPI(reference=11.0))
     found = estimate(loop, case("smooth", 10)[0])  # the declared machine, but for commands that are late
     border = max(point.value for point in hopf_points(loop, "top.reference", (0.2, 40.0)))
-    assert found.mean["margin"][-1] == pytest.approx(11.0 - border, abs=3 * found.deviation["margin"][-1] + 0.3)
+    assert found.mean["onset_margin"][-1] == pytest.approx(11.0 - border, abs=3 * found.deviation["onset_margin"][-1] + 0.3)
 
 
 @pytest.mark.slow

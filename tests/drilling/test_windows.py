@@ -36,9 +36,9 @@ def test_the_window_of_a_depth_is_between_the_borders_that_onset_finds(found):
     for i, depth in enumerate((1000.0, 2000.0)):
         for j, weight in enumerate((70e3, 90e3)):
             one = onset(closed_loop(well(depth), LAW).at("bit.weight", weight), "top.reference", OVER["top.reference"], num_values=7)
-            assert found.free[i, j] == pytest.approx(one.end, rel=0.02)
-            assert found.smooth[i, j] == pytest.approx(one.loss, rel=0.02) and found.smooth[i, j] < found.free[i, j]
-    assert (found.free[1] != found.free[0]).all()  # depth counts
+            assert found.free_from[i, j] == pytest.approx(one.end, rel=0.02)
+            assert found.smooth_from[i, j] == pytest.approx(one.loss, rel=0.02) and found.smooth_from[i, j] < found.free_from[i, j]
+    assert (found.free_from[1] != found.free_from[0]).all()  # depth counts
 
 
 def test_margins_are_those_of_the_working_point(found):

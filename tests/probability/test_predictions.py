@@ -95,7 +95,7 @@ def compared():
         )
     common = {"belt.friction.static": Uniform(0.8, 1.2), "belt.friction.kinetic": Uniform(0.3, 0.8)}
     priors = {"exponential": {**common, "belt.friction.decay": Uniform(0.5, 5.0)}, "Coulomb": common}
-    priors["Gaussian"] = {**common, "belt.friction.speed": Uniform(0.2, 2.0)}
+    priors["Gaussian"] = {**common, "belt.friction.stribeck_speed": Uniform(0.2, 2.0)}
     left = {name: data.pop(name) for name in list(data)[1::3]}
     return compare_models(models, data, priors, float(TIMES[-1]), left_out=left, metrics=read, draws=64)
 

@@ -256,20 +256,22 @@ def of_map(results):
 def of_drives(results):
     folder, rules = results / "setpoints", []
     for row in rows_of(folder / "setpoints.csv"):
-        value = {key: float(text) for key, text in row.items() if text and key not in ("controller", "group", "protocol", "why", "weakest")}
+        value = {
+            key: float(text) for key, text in row.items() if text and key not in ("controller", "group", "protocol", "why", "weakest_plant")
+        }
         rpm = 30.0 / math.pi
         cells = [
-            rpm * value["speed"],
-            value["margin"],
+            rpm * value["lowest_set_point"],
+            value["disk_margin"],
             value["disk_margin_nominal"],
             value["time_above_setpoint"],
-            value["recovery"],
-            rpm * value["fastest"],
+            value["recovery_time"],
+            rpm * value["max_bit_speed"],
         ]
-        last = [-1.0 / value["growth"], *(float(text) * factor for text, factor in split(row["why"]))]
+        last = [-1.0 / value["growth_rate"], *(float(text) * factor for text, factor in split(row["why"]))]
         begin = f"{row['controller']}  {row['group']}  {row['protocol']} "
         rules += [
-            (begin, [*cells, value["torque"], *last]),
+            (begin, [*cells, value["max_torque"], *last]),
             (begin, [cells[0], cells[1], cells[4], *last]),
         ]  # as printed, and those that answer
     return folder, rules
@@ -288,15 +290,15 @@ def of_fit(results):
     rules = [
         (r"Fit of \d+ number", [len(rows), samples, span]),
         ("name  estimate  interval of", [told["confidence"]]),
-        (r"\d of \d start", [told["agreeing"], told["starts"], told["confidence"]]),
-        ("condition ", [told["condition"], covariance[0, 1] / deviations.prod()]),
+        (r"\d of \d start", [told["agreeing_starts"], told["starts"], told["confidence"]]),
+        ("condition ", [told["condition_number"], covariance[0, 1] / deviations.prod()]),
         (r"Recording of log\.csv", [log.size, span, 0.1, 10.0]),
     ]
     for i, (name, row) in enumerate(rows.items()):
         estimate, low, high = (float(row[key]) for key in ("estimate", "low", "high"))
         assert float(row["standard deviation"]) == pytest.approx(deviations[i])
         rules.append((rf"{re.escape(name)}  ", [estimate, low, high, float(row["standard deviation"]) / abs(estimate)]))
-        sampling = abs(arrays[told["sampling"]][i])
+        sampling = abs(arrays[told["sampling_errors"]][i])
         if sampling > 0.5 * (high - low):
             rules.append((rf"`?{re.escape(name)}`? is less sure", [sampling, sampling / (0.5 * (high - low))]))
     for residual in told["residuals"]:
@@ -323,16 +325,16 @@ def of_fit(results):
 def of_posterior(results):
     folder = results / "posterior"
     told, arrays = fields_of(folder / "posterior.npz")
-    points = arrays[told["points"]]
+    points = arrays[told["samples"]]
     assert points[:, 0].tolist() == [float(row["bit.weight [N]"]) for row in rows_of(folder / "posterior.csv")]
     assert told["data"] == [["severity", "1.9 +- 0.1"]] and told["priors"] == [["bit.weight", "50kN to 110kN"]]
     low, high = np.quantile(points[:, 0], (0.05, 0.95))
     cells = [each / 1e3 for each in (points.mean(), points.std(), low, high)]
     return folder, [
-        (r"Posterior of ", [len(points), told["runs"], told["stages"]]),
+        (r"Posterior of ", [len(points), told["runs"], told["tempering_stages"]]),
         (r"measured severity", [1.9, 0.1]),
         (r"bit\.weight  kN ", [*cells, 50e3, 110e3]),
-        (r"evidence: ", [told["evidence"], told["error"]]),
+        (r"evidence: ", [told["log_evidence"], told["log_evidence_error"]]),
     ]
 
 

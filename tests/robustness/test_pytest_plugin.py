@@ -132,7 +132,7 @@ def test_a_law_beats_another_by_severity_and_stick(checks, stiff, soft):
 
 @pytest.mark.slow
 def test_an_onset_above_the_limit_shows_both_borders(checks, rig):
-    given = {"bounds": (3.0, 15.0), "values": 5, "tolerance": 0.2}
+    given = {"bounds": (3.0, 15.0), "num_values": 5, "tolerance": 0.2}
     # the smooth border of the stiff drive is far below this limit: stick-slip that exists is not
     text = failure(checks.onset_below, closed_loop(rig, StiffPI()), "top.reference", 9.0, **given)
     assert "existing stick-slip ends at 12." in text and "smooth running is lost at" not in text.partition(".\n")[0]

@@ -37,7 +37,7 @@ def test_the_laws_that_reach_low_set_points_bear_little_everywhere(found):
 @pytest.mark.slow
 def test_tuned_on_other_rigs_a_law_keeps_more_and_impedance_the_most():
     for label, declared, worst in (("impedance, tuned", 0.488, 0.335), ("LQG, tuned", 0.233, 0.047)):
-        assert study.found_at(label, 4.0, measured=False).disk_margin == pytest.approx(declared, abs=0.005)
+        assert study.found_at(label, 4.0, by_simulation=False).disk_margin == pytest.approx(declared, abs=0.005)
         assert study.worst_at(label, 4.0)[0] == pytest.approx(worst, abs=0.005)
 
 

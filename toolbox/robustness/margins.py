@@ -230,7 +230,7 @@ def margins(
 
 
 def disk_margin(loop: ClosedLoop) -> float:
-    """`margins(loop, measured=False).disk_margin` alone, in about a third of the time."""
+    """`margins(loop, by_simulation=False).disk_margin` alone, in about a third of the time."""
     try:
         linear = steady_loop(loop, None).loop(0.0)
     except NoDerivative:

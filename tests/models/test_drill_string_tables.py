@@ -302,7 +302,7 @@ strings = st.lists(sections, min_size=1, max_size=8)
 def test_lumping_keeps_total_inertia_and_total_compliance(string, elements):
     chain = DrillString.from_tables(string, top_inertia=100.0, bit_inertia=7.0, elements=elements)
     assert len(chain.stiffness) == elements
-    assert sum(chain.inertia) == pytest.approx(107.0 + total(string, lambda s: s.inertia_per_length_per_length), rel=1e-12)
+    assert sum(chain.inertia) == pytest.approx(107.0 + total(string, lambda s: s.inertia_per_length), rel=1e-12)
     assert sum(1 / k for k in chain.stiffness) == pytest.approx(total(string, lambda s: 1 / s.torsional_rigidity), rel=1e-12)
     assert all(a < b for a, b in zip(chain.depth, chain.depth[1:], strict=False))
     assert chain.depth[0] == 0.0 and chain.depth[-1] == pytest.approx(sum(s.length for s in string), rel=1e-12)
@@ -576,14 +576,14 @@ def test_a_string_that_is_right_up_to_one_hertz_alone_moves_its_bit_too_early():
 def test_the_string_of_the_ufrj_swings_like_its_published_lumped_model():
     # published: I = I_pipe / 3 + I_BHA on k = G J / L_p under a top that turns as told; the shaft has its bottom-hole assembly as elastic sections too
     pipe, *bha = read_sections(TABLES / "ufrj_sections.csv")
-    inertia = pipe.inertia_per_length * pipe.length / 3 + total(bha, lambda s: s.inertia_per_length_per_length)
+    inertia = pipe.inertia_per_length * pipe.length / 3 + total(bha, lambda s: s.inertia_per_length)
     published = math.sqrt(pipe.torsional_rigidity / pipe.length / inertia) / (2 * math.pi)
     exact = shaft_frequencies([pipe, *bha], 1, top_inertia=math.inf)[0]
     assert exact == pytest.approx(published, rel=0.03)
     well = wells.UFRJ
     assert chain_frequencies(well.inertia, well.stiffness, top_held=True)[0] == pytest.approx(exact, rel=2e-3)
     np.testing.assert_allclose(well.damping, 0.06 * np.array(well.stiffness), rtol=1e-14)
-    assert sum(well.drag) == pytest.approx(0.35 * total([pipe, *bha], lambda s: s.inertia_per_length_per_length), rel=1e-12)
+    assert sum(well.drag) == pytest.approx(0.35 * total([pipe, *bha], lambda s: s.inertia_per_length), rel=1e-12)
 
 
 def test_two_elements_overstate_the_speed_that_ends_stick_slip_and_understate_the_swing_of_the_torque():

@@ -215,8 +215,12 @@ def test_what_is_saved_comes_back_and_prints_and_draws(found, tmp_path):
 
 
 def test_a_map_of_an_earlier_version_comes_back_and_one_that_judged_in_a_window_is_refused(found, tmp_path):
-    words = ["title", "names", "units", "element", "signal", "duration", "accuracy", "resolution", "runs", "at", "notes"]
-    told = {name: getattr(found, name) for name in words} | {"seconds": 1.0, "errors": [["smooth", 1, 2, "it failed"]]}
+    words = ["title", "names", "units", "element", "signal", "duration", "accuracy", "resolution", "runs", "notes"]
+    told = {name: getattr(found, name) for name in words} | {
+        "at": found.nominal_point,
+        "seconds": 1.0,
+        "errors": [["smooth", 1, 2, "it failed"]],
+    }
     arrays = {"axis.0": found.axes[0], "axis.1": found.axes[1], "growth": found.growth}
     arrays |= {f"{branch}.{name}": values for branch in ("smooth", "sticking") for name, values in vars(getattr(found, branch)).items()}
     arrays |= {f"border.{name}": segments for name, segments in found.borders.items()}

@@ -91,7 +91,9 @@ class NonlinearMPC(Predictive):
         for name in ("iterations", "integration_steps"):
             whole(name, getattr(self, name), 1)
         if not self.soft_limits:
-            raise SceneError("Argument `soft` must be True for a nonlinear law: its limits of speed and twist give way where they must.")
+            raise SceneError(
+                "Argument `soft_limits` must be True for a nonlinear law: its limits of speed and twist give way where they must."
+            )
 
     def design(self, plant: HybridSystem) -> PlannedNonlinear:
         """Return the controller for this plant as a callable (t, y) -> torque with a memory."""

@@ -21,7 +21,7 @@ import numpy as np
 from toolbox.calibration.channels import TIMES, source_of
 from toolbox.calibration.fit import fit
 from toolbox.calibration.holds import EVIDENCE, fitted_evidence
-from toolbox.calibration.identified import Identification, drag_unit, friction_over_speed, with_derived
+from toolbox.calibration.identified import Identification, drag_unit, fitted_part, friction_over_speed, with_derived
 from toolbox.calibration.motion import Run, first_guess, friction_points, runs_of, together
 from toolbox.calibration.recording import Recording, read_channels
 from toolbox.calibration.results import Fit
@@ -177,10 +177,10 @@ class _Work:
     """Fits of one part to what was read, law by law."""
 
     def __init__(self, part: Any):
-        self.part, self.untold = part, dict[str, str]()
+        self.part = part
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float) -> Fit:
-        """The fit of a part with all numbers free that are not fixed, as far as the data tell them."""
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str]) -> Fit:
+        """The fit of a part with all numbers free that are not fixed; `untold` gets a sentence for each that the data do not tell."""
         raise NotImplementedError
 
     def both_ways(self) -> bool:
@@ -201,13 +201,13 @@ class _Work:
 
     def simplest(self, friction: Any, directions: bool, fixed: Sequence[str], confidence: float) -> Identification:
         """The simplest law that the data do not contradict, with its curve."""
-        about, part = self.guess(), self.part
+        about, part, untold = self.guess(), self.part, dict[str, str]()
         start = {part.body_field: about["mass"]} if f"{part.signal_prefix}.{part.body_field}" not in fixed else {}
         if f"{part.signal_prefix}.{part.offset_field}" not in fixed:
             start[part.offset_field] = 0.0 if directions or not self.both_ways() else about["offset"]
         if directions or not self.both_ways():
             fixed = [*fixed, f"{part.signal_prefix}.{part.offset_field}"]
-            self.untold[f"{part.signal_prefix}.{part.offset_field}"] = (
+            untold[f"{part.signal_prefix}.{part.offset_field}"] = (
                 "a constant force beside friction cannot be told from friction that differs by direction; it is part of that here" if self.both_ways()
                 else f"it cannot be told from friction in motion one way; it is part of that here. To tell it, {EXPERIMENTS[part.offset_field]}."
             )  # fmt: skip
@@ -222,23 +222,21 @@ class _Work:
 
         dry = one(level, 0.0), coulomb(1.05 * level, level), stribeck(1.6 * level, level, about["speed"])
         laws = [law(each) for each in dry] if friction is None else [friction]
-        best, told = None, {}
+        best, best_untold = None, dict[str, str]()
         for each in laws:
-            self.untold = dict(self.untold)
-            before, self.untold = self.untold, {}
+            own = dict[str, str]()
             try:
-                found = self.fitted(dataclasses.replace(part, friction=each), fixed, confidence)
+                found = self.fitted(dataclasses.replace(part, friction=each), fixed, confidence, own)
             except (SceneError, SimulationError):
                 if best is None:
                     raise
                 found = None
             if found is not None and (best is None or self.evidence(best, found) > EVIDENCE + (found.values.size - best.values.size)):
-                best, told = found, self.untold
-            self.untold = before
+                best, best_untold = found, own
             if best is not None and best.white:
                 break  # nothing is left that a richer law could explain
         assert best is not None
-        return self._result(best, {**self.untold, **told})
+        return self._result(best, {**untold, **best_untold})
 
     def _result(self, found: Fit, untold: dict[str, str]) -> Identification:
         """The fit with its curve and with the numbers that it hardly tells."""
@@ -320,11 +318,11 @@ class _Steady(_Work):
         powers = [max(each.residuals[0].rms, least) for each in (simple, rich)]
         return self.force.size * math.log(powers[0] / powers[1])
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float) -> Fit:
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str]) -> Fit:
         body = f"{part.signal_prefix}.{part.body_field}"
         free = [name for name in self._asked(part, fixed) if name != body]
         if body not in fixed:
-            self.untold[body] = f"steady speeds do not depend on it. To tell it, {EXPERIMENTS[part.body_field]}."
+            untold[body] = f"steady speeds do not depend on it. To tell it, {EXPERIMENTS[part.body_field]}."
         data = {"time": np.arange(self.speed.size, dtype=float), **self.data}
         recording = Recording.of(data, compose(part), accepted_flaws=EVERY_KIND)
         still = 0.5 * float(np.abs(self.speed[self.speed != 0.0]).min())
@@ -332,7 +330,7 @@ class _Steady(_Work):
             part,
             recording,
             free,
-            self.untold,
+            untold,
             lambda _: False,
             contact=MeasuredContact(part.contact_name, standstill_speed=still),
             starts=Search(8),
@@ -340,7 +338,7 @@ class _Steady(_Work):
         )
 
     def points(self, found: Fit) -> np.ndarray:
-        fitted = found.misfit.loop.assembly.plant.with_parameters(found.parameters).parts[0]
+        fitted = fitted_part(found)
         return np.stack([self.speed, self.force - float(getattr(fitted, fitted.offset_field))])
 
 
@@ -360,11 +358,11 @@ class _Moving(_Work):
     def guess(self) -> dict[str, float]:
         return first_guess(self.runs, getattr(self.part, self.part.body_field), self.both_ways())
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float) -> Fit:
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str]) -> Fit:
         free, body = self._asked(part, fixed), f"{part.signal_prefix}.{part.body_field}"
         if body in free and not any(run.driven for run in self.runs):
             free.remove(body)
-            self.untold[body] = (
+            untold[body] = (
                 f"without a measured force only friction over {part.body_field} is told, so it stays at {getattr(part, part.body_field):g}. "
                 f"To tell it, {EXPERIMENTS[part.body_field]}."
             )
@@ -377,7 +375,7 @@ class _Moving(_Work):
             part,
             self.recording,
             [*free, *starts, *self.shifts],
-            self.untold,
+            untold,
             self._rests,
             window=windows,
             starts=Search(1),
@@ -396,7 +394,7 @@ class _Moving(_Work):
         return min(bounds) >= (min(tops) if self.both_ways() else max(tops))
 
     def points(self, found: Fit) -> np.ndarray:
-        fitted = found.misfit.loop.assembly.plant.with_parameters(found.parameters).parts[0]
+        fitted = fitted_part(found)
         return friction_points(self.runs, float(getattr(fitted, fitted.body_field)), float(getattr(fitted, fitted.offset_field)))
 
 

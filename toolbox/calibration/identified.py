@@ -96,6 +96,11 @@ def with_derived(typed: Mapping[str, str], speed: str, force: str) -> dict[str, 
     return found
 
 
+def fitted_part(found: Fit) -> Any:
+    """The axis or joint with the numbers that were found."""
+    return found.misfit.loop.assembly.plant.with_parameters(found.parameters).parts[0]
+
+
 def friction_over_speed(found: Fit, points: np.ndarray) -> np.ndarray:
     """Speed, friction of the law, and both ends of its interval, over the speeds of the data."""
     numbers = [(i, name) for i, name in enumerate(found.names) if name in found.parameters]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from toolbox.arguments import numbers
 from toolbox.commands.recording import answer
@@ -12,9 +12,6 @@ from toolbox.commands.terminal import asked_otherwise, common, loaded, plain, ra
 from toolbox.commands.uncertainty import GOES_ON, add_uncertain, left_out, uncertain_of, with_numbers
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
-
-if TYPE_CHECKING:
-    pass
 
 
 def add(commands: Any) -> None:

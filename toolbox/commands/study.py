@@ -112,7 +112,10 @@ def _beside_measured(scene: Any, stems: list[str], folder: Path, ending: str) ->
 
 def drawn_signals(run: Any, judged: str | None) -> list[str] | None:
     """Signals of a run with many columns that figures and verdict need: no arrays, no contacts but the judged one. None for all of a run with few."""
-    sizes = {name: int(run.at(run.begin)[name].size) if hasattr(run.at(run.begin)[name], "size") else 1 for name in run.names}
+    import numpy as np  # here, because the help of the command needs none of it
+
+    begin = run.at(run.begin)
+    sizes = {name: np.size(begin[name]) for name in run.names}
     if sum(sizes.values()) <= MANY:
         return None
     others = tuple(f"{contact}." for contact in run.modes if contact != judged)

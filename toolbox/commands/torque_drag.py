@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
 from toolbox.commands.recording import answer
 from toolbox.commands.terminal import common, plain
 from toolbox.errors import SceneError, SimulationError
+from toolbox.messages import complaint
 
 
 def add(commands: Any) -> None:
@@ -53,7 +53,7 @@ def run(given: argparse.Namespace) -> int:
     asked["bit_torque"], note = (given.bit_torque, "") if given.bit_torque is not None else _bit_torque(scene)
     found = part.torque_and_drag(tables, **asked)
     if note:
-        print(f"stickslip: note: {note}", file=sys.stderr)
+        complaint(f"note: {note}", 0)
     return answer(given, "torquedrag", found, scene, "^Torque and drag", "Report, figure, table and data are")
 
 

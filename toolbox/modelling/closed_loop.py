@@ -179,7 +179,7 @@ class ClosedLoop(Printed):
         if self.is_sampled:
             raise SceneError(
                 "Argument `loop` must hold laws in their continuous form, but it holds a sampled one, whose sample time and delay would be left out: "
-                "give `loop.continuous` for the limit of fast sampling; `onset` and `margins` take it as it is."
+                "give `loop.continuous_loop` for the limit of fast sampling; `onset` and `margins` take it as it is."
             )
         return self.continuous_loop
 

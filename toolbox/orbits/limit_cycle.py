@@ -118,8 +118,8 @@ def limit_cycle(
         if given is None and orbit.clocked and not orbit.variational.forced:
             raise SceneError(
                 "The laws of the loop must act continuously for a free cycle: a sampled law comes round with it only where the period is a whole multiple of "
-                "the sample time. Give `loop.continuous`, if the law has a continuous form; or such a `period`, where the machine is driven or its cycle has "
-                "locked to the clock."
+                "the sample time. Give `loop.continuous_loop`, if the law has a continuous form; or such a `period`, where the machine is driven or its "
+                "cycle has locked to the clock."
             )
         if given is None:
             why = "that depends on time by itself" if _depends_on_time(orbit.run) else "whose inputs are not sines of one frequency"

@@ -216,8 +216,8 @@ class Orbit:
             if delay >= sample_time:
                 raise SceneError(
                     f"Argument `delay` must be shorter than the sample time {sample_time:g} s in a periodic motion, but it is {delay:g} s: what is on its way "
-                    "for longer would have to return as well. Let the law remember its output for whole samples, as `Observed(..., delay_samples=1)` "
-                    "lets its observer."
+                    "for longer would have to return as well. Let the law remember its output for whole samples, as "
+                    "`ObserverBasedController(..., delay_samples=1)` lets its observer."
                 )
         if any(update.channels for update in run.program.system.updates):
             raise SceneError("Argument `controller` must be without noise in a periodic motion.")

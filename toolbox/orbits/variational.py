@@ -116,7 +116,7 @@ class VariationalEquations:
         memory: np.ndarray | None = None,
         held_first: np.ndarray | None = None,
     ) -> Tangent:
-        """Derivatives along `run.nodes` for start directions (plant states, k_s), followed by one direction per parameter.
+        """Derivatives along `run.every_step` for start directions (plant states, k_s), followed by one direction per parameter.
 
         memory, held_first: of the same directions, shape (memory, k_s) and (held signals, k_s), zero without.
         """

@@ -156,7 +156,7 @@ def chance(
     known = drawn(first, uncertainty, draws, seed)
     twice = next((name for name in points.names if name in known.names), None)
     if twice is not None:
-        raise SceneError(f"Argument `uncertainty` must not name what is varied, but `{twice}` is in `over`, too.")
+        raise SceneError(f"Argument `uncertainty` must not name what is varied, but `{twice}` is in `ranges`, too.")
     searches = {label: Search(each, points, known, duration, start, accuracy) for label, each in loops.items()}
     longest = max(each.duration for each in searches.values())
     total = len(searches) * len(points.points) * draws

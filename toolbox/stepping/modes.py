@@ -438,7 +438,7 @@ def _go_with_what_holds(w, t):
         still = HELD * abs(w.z[4 * ne + i])
         if w.zero[i] and w.m[i] == 0.0 and w.before[i] != 0.0 and abs(w.g[ng + 2 * i]) <= still:
             w.m[i], w.forced[i] = w.before[i], True
-        held = held or (w.forced[i] and abs(w.z[ne + i]) <= still)
+        held = held or (w.forced[i] and _stays(w, i))
     if not held:
         return
     for i in range(ne):

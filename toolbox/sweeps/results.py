@@ -112,7 +112,7 @@ class Sweep(Told, Result):
             for index, text in list(self.failures.items())[:5]:
                 lines.append(f"    {self._place(index)}: {text}")
             if len(self.failures) > 5:
-                lines.append(f"    ... and {len(self.failures) - 5} more in `errors`")
+                lines.append(f"    ... and {len(self.failures) - 5} more in `failures`")
         return lines
 
     __repr__ = Told.__str__

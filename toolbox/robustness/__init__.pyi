@@ -9,8 +9,11 @@ from .limits import performance_limit as performance_limit
 from .margins import Margins as Margins
 from .responses import FrequencyResponse as FrequencyResponse
 from .responses import frequency_response as frequency_response
+from .starts import FromRest as FromRest
+from .starts import GivenStarts as GivenStarts
 from .starts import OwnStickSlip as OwnStickSlip
 from .starts import SmoothRunning as SmoothRunning
+from .starts import Start as Start
 from .starts import TakenOver as TakenOver
 from .starts import cycle_phases as cycle_phases
 from .worst_case import WorstCase as WorstCase

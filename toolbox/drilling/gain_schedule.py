@@ -30,8 +30,9 @@ from toolbox.modelling.closing import described
 from toolbox.modelling.components import numbers_of, rebuilt
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.robustness.margins import disk_margin
+from toolbox.robustness.outcomes import percent
 from toolbox.robustness.starts import Start
-from toolbox.robustness.worst_case import Trials, percent
+from toolbox.robustness.worst_case import Trials
 from toolbox.vocabulary import new_names_only
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray, number, short, whole
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.journal import Journal
+from toolbox.files.journal import Journal, fingerprint
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import Judged
@@ -142,13 +142,17 @@ def chance(
     twice = next((name for name in points.names if name in known.names), None)
     if twice is not None:
         raise SceneError(f"Argument `uncertainty` must not name what is varied, but `{twice}` is in `ranges`, too.")
-    searches = {label: Search(each, points, known, duration, _start_of(each, starts, known), accuracy) for label, each in loops.items()}
+    searches = {
+        label: Search(_begun(each, starts), points, known, duration, _start_of(each, starts, known), accuracy)
+        for label, each in loops.items()
+    }
     longest = max(each.duration for each in searches.values())
     total = len(searches) * len(points.points) * draws
     outcomes, severities, judged = {}, {}, {}
     with progress_bar(total, "chance") as bar:
         for k, (label, search) in enumerate(searches.items()):
             search.duration = longest  # the same for all laws
+            search.begun = fingerprint(starts) if isinstance(starts, Start) else ""
             journal = None if checkpoint is None else search.journal(Path(checkpoint), k)
             found = search.found(bar, journal)
             outcomes[label], severities[label] = (each.reshape(*points.shape, draws) for each in found)
@@ -171,6 +175,11 @@ def labelled(loop: Any) -> dict[str, ClosedLoop]:
     if not loops or not all(isinstance(each, ClosedLoop) for each in loops.values()):
         raise SceneError(f"Argument `loop` must be a loop, a plant or a mapping of labels to loops, but it is {short(loop)}.")
     return loops
+
+
+def _begun(loop: ClosedLoop, starts: Any) -> ClosedLoop:
+    """The loop without start values of its own, where a start gives all of them."""
+    return loop.replace(start={}) if isinstance(starts, Start) else loop
 
 
 def _start_of(loop: ClosedLoop, starts: Any, known: Variations) -> Callable[[Mapping[str, float]], Mapping[str, Any]] | None:
@@ -198,6 +207,7 @@ class Search:
 
     def __init__(self, loop: ClosedLoop, points: Variations, known: Variations, duration: Any, start: Any, accuracy: float):
         self.loop, self.start, self.accuracy, self.judged = loop, start, accuracy, 0
+        self.begun = ""  # the start that was asked for, as a search that was stopped knows it
         self.manner: Manner | None = None  # of the first runs, for all
         self.names = (*points.names, *known.names)
         self.points, self.known = points.points, known.points
@@ -226,7 +236,8 @@ class Search:
     def journal(self, folder: Path, k: int) -> Journal:
         """What is known of this loop in a folder; k: place of the loop among all."""
         design = Variations(self.names, self._rows(0, 1), (len(self.known),))
-        more = {"points": [self.points.tolist()], "uncertainty": [self.names, self.known.tolist()]}
+        more: dict[str, Any] = {"points": [self.points.tolist()], "uncertainty": [self.names, self.known.tolist()]}
+        more |= {"starts": [self.begun]} if self.begun else {}
         return journal_in(folder, f"chance_{k + 1:02d}.jsonl", self.loop, design, self.duration, self.accuracy, **more)
 
     def _rows(self, begin: int, end: int) -> FloatArray:

@@ -7,6 +7,7 @@ from .joint_errors import SmallestError as SmallestError
 from .joint_errors import smallest_error as smallest_error
 from .limits import performance_limit as performance_limit
 from .margins import Margins as Margins
+from .outcomes import WorstCase as WorstCase
 from .responses import FrequencyResponse as FrequencyResponse
 from .responses import frequency_response as frequency_response
 from .starts import FromRest as FromRest
@@ -16,4 +17,3 @@ from .starts import SmoothRunning as SmoothRunning
 from .starts import Start as Start
 from .starts import TakenOver as TakenOver
 from .starts import cycle_phases as cycle_phases
-from .worst_case import WorstCase as WorstCase

@@ -24,7 +24,8 @@ from toolbox.onsets.coming_to import verdict_on
 from toolbox.onsets.onset import onset
 from toolbox.onsets.results import Onset
 from toolbox.robustness.margins import Margins, margins
-from toolbox.robustness.worst_case import WorstCase, worst_case
+from toolbox.robustness.outcomes import WorstCase
+from toolbox.robustness.worst_case import worst_case
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.trajectory import Trajectory
 

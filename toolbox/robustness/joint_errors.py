@@ -43,8 +43,9 @@ from toolbox.modelling.closing import all_described
 from toolbox.modelling.laws import Sampled
 from toolbox.onsets.coming_to import last_change, verdict_on
 from toolbox.robustness.disk_margins import balancing, frequencies, peak
+from toolbox.robustness.outcomes import Outcome
 from toolbox.robustness.starts import OwnStickSlip, SmoothRunning, Start, Starts
-from toolbox.robustness.worst_case import DELAY, Outcome, Trials, declared_value
+from toolbox.robustness.worst_case import DELAY, Trials, declared_value
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.linear_loop import NoDerivative
 from toolbox.steady_states.steady_loop import linear_loop

@@ -190,7 +190,7 @@ class GivenStarts(Start):
 
     def on(self, loop: ClosedLoop) -> Found:
         """Return the start values on the plant of a loop, with the commands that act."""
-        return Found([taken_over(loop, start) for start in self.values])
+        return Found([{**loop.start, **taken_over(loop, start)} for start in self.values])
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,6 @@ import numpy as np
 
 from toolbox.arguments import mapping, number, numbers, short
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.files.printing import Rows, Told, shown
-from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import CALM, is_stick, told_growth
 from toolbox.measuring.metrics import Metric, maximum, mean, minimum, stuck_ratio
@@ -29,7 +27,7 @@ from toolbox.measuring.verdict import (
     NO_STICK,
     RUN_FAILED,
     STICK_SLIP,
-    STICKS_AT_THE_END,
+    STICKS_IN_WINDOW,
     STUCK,
     Verdict,
     of_quarters,
@@ -42,6 +40,7 @@ from toolbox.modelling.laws import Sampled
 from toolbox.modelling.numbers import put_all
 from toolbox.onsets.coming_to import LONGEST, Settled, last_change, of_run
 from toolbox.onsets.takeover import reference_of
+from toolbox.robustness.outcomes import Outcome, WorstCase
 from toolbox.robustness.starts import Found, GivenStarts, SmoothRunning, Start, Starts, start_of
 from toolbox.scenes.judged import judged_contact, judged_measures, judged_speed
 from toolbox.scenes.situation import Situation
@@ -54,149 +53,6 @@ DELAY = "delay"
 
 SETTLED = 7.0
 """Time constants of smooth running after which its error and ripple are told, of a run that comes to it late: a disturbance is a thousandth by then."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """One run, and what came of it in the judged window.
-
-    Attributes
-    ----------
-    error
-        The model error in words; "nominal" where there is none.
-    start, seed
-        Index of the start, and seed of the noise.
-    stuck
-        Share of the window in which the contact sticks [1].
-    mean_error
-        Error of the mean speed, as a part of its target [1].
-    ripple
-        Half the range of the command by its mean, the largest of any command [1].
-    rate
-        Rate at which a small disturbance of smooth running grows on this machine [1/s]; nan where it is not known.
-    failure
-        Why the run could not be finished, or why its verdict is a failure; empty for other runs.
-    excess
-        The largest of these by what is allowed, infinite for a run that sticks, grows or fails; at most 1 is a success.
-    verdict
-        The verdict on the run, as a study of the same run says it (`toolbox.measuring.verdict`).
-    more
-        {name: value} of further measures.
-    """
-
-    error: str
-    start: int
-    seed: int
-    stuck: float
-    mean_error: float
-    ripple: float
-    rate: float
-    failure: str
-    excess: float
-    verdict: str = ""
-    more: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class WorstCase(Told, Result):
-    """Outcomes of a loop over model errors, starts and seeds.
-
-    `print(found)` shows the worst outcome of each error, `found.worst` is the worst of all.
-
-    Attributes
-    ----------
-    title
-        The controllers and how they run.
-    run_conditions
-        Start of the runs, the judged contact, and time from which runs are judged.
-    outcomes
-        One `Outcome` per run.
-    seconds
-        Computing time of the runs [s].
-    situation
-        The situation for which the verdict holds, in one line.
-
-    Examples
-    --------
-    >>> from controllers import SoftTorque
-    >>> from models import BitRock, wells
-    >>> from toolbox import Sampled, closed_loop, compose, worst_case
-    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="60 kN")), Sampled(SoftTorque(reference="120 rpm"), "10 ms"))
-    >>> print(len(worst_case(loop, "60 s", uncertainty={"bit.weight": "10 %"}).outcomes), "runs")
-    3 runs
-    """
-
-    title: str
-    run_conditions: str
-    outcomes: tuple[Outcome, ...]
-    seconds: float = field(default=0.0, compare=False)
-    situation: str = ""
-
-    @property
-    def _more(self) -> list[str]:
-        """The names of further measures."""
-        return list(self.outcomes[0].more) if self.outcomes else []
-
-    @property
-    def worst(self) -> Outcome:
-        """The outcome with the largest excess. Raises SceneError if no plant has the stick-slip from which runs were to start."""
-        if not self.outcomes:
-            raise SceneError(f"There is no worst outcome, because there was no run: {self.run_conditions}.")
-        return max(self.outcomes, key=_badness)
-
-    @property
-    def survives(self) -> bool:
-        """Whether every run is a success."""
-        return all(outcome.excess <= 1.0 for outcome in self.outcomes)
-
-    @property
-    def by_error(self) -> dict[str, Outcome]:
-        """{error: worst outcome}, in the order of the trials."""
-        found: dict[str, Outcome] = {}
-        for outcome in self.outcomes:
-            known = found.get(outcome.error)
-            found[outcome.error] = outcome if known is None else max(known, outcome, key=_badness)
-        return found
-
-    @property
-    def rows(self) -> list[tuple[str, ...]]:
-        """The table as text: the worst outcome of each error, and how many of its runs fail."""
-        lines: list[tuple[str, ...]] = [
-            ("error", "failed", "verdict", "start", "seed", "stuck", "mean error", "ripple", "a disturbance", *self._more)
-        ]
-        for error, worst in self.by_error.items():
-            own = [outcome for outcome in self.outcomes if outcome.error == error]
-            failed = sum(outcome.excess > 1.0 for outcome in own)
-            numbers = [percent(each) for each in (worst.stuck, worst.mean_error, worst.ripple)]
-            numbers += [told_growth(worst.rate), *(f"{value:.4g}" for value in worst.more.values())]
-            lines.append((error, f"{failed} of {len(own)}", worst.verdict, str(worst.start), str(worst.seed), *numbers))
-        return lines
-
-    def _told(self) -> list[str | Rows]:
-        failed = sum(outcome.excess > 1.0 for outcome in self.outcomes)
-        if not self.outcomes:
-            return [
-                f"Worst case of {self.title}: no run, because there is no stick-slip to start from",
-                f"  {self.situation or self.run_conditions}",
-            ]
-        verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
-        return [
-            f"Worst case of {self.title}: {verdict}",
-            f"  {self.situation or self.run_conditions}",
-            Rows(self.rows),
-        ]
-
-    def _table(self) -> HeadedRows:
-        """One row per run."""
-        headings = ["error", "start", "seed", "stuck", "mean error", "ripple", "rate [1/s]", "failure", "excess", "verdict", *self._more]
-        return headings, [[*list(vars(outcome).values())[:-1], *outcome.more.values()] for outcome in self.outcomes]
-
-    def plot(self, axes: Any = None) -> Any:
-        """Draw stick time and ripple of every run by its error (`toolbox.robustness.figures.worst_case_diagram`), and return both axes."""
-        from toolbox.robustness.figures import worst_case_diagram
-
-        rows = [(o.error, o.stuck, o.ripple, o.excess <= 1.0) for o in self.outcomes]
-        return worst_case_diagram(rows, axes=axes)
 
 
 @sign_of_life("worst_case is at work")
@@ -401,7 +257,7 @@ class Trials:
                 continue
             rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
             by_row = {tuple(row.values()): begins[label].values[k] for row, label in zip(rows, own, strict=True)}
-            varied = self.machine({DELAY: late}, seed)
+            varied = self.machine({DELAY: late}, seed).replace(start={})
             done = sweep(varied, rows, self.duration, start=lambda row, known=by_row: known[tuple(row.values())], metrics=asked)  # type: ignore[misc]
             seconds += done.seconds
             for i, label in enumerate(own):
@@ -452,7 +308,7 @@ class Trials:
                 return self._judged_as(found, STICK_SLIP if slips[0] else STUCK)
         settled = self.settled(found.error, machine)
         if settled is None:
-            return self._judged_as(found, STICKS_AT_THE_END.because("it sticks in the window") if is_stick(found.stuck) else NO_STICK)
+            return self._judged_as(found, STICKS_IN_WINDOW if is_stick(found.stuck) else NO_STICK)
         found = dataclasses.replace(found, rate=settled.rate)
         swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"]) if numbers["mean"] else math.inf
         calm = not is_stick(found.stuck) and swing < CALM
@@ -468,8 +324,8 @@ class Trials:
         try:
             run = simulate(machine, self.duration)
             verdict, judged = of_run(run, self.contact, self.window, None if own is None else own.judged(run))
-            if judged is None and is_stick(found.stuck):
-                verdict = STICKS_AT_THE_END.because("it sticks in the window")
+            if judged is None and is_stick(found.stuck) and not verdict.failed:
+                verdict = STICKS_IN_WINDOW
             if not verdict.failed and judged is not None and self._excess(found) > 1.0:
                 still = (
                     min(SETTLED / abs(settled.rate), LONGEST * settled.runs.period) if settled.rate < 0.0 else LONGEST * settled.runs.period
@@ -502,9 +358,10 @@ class Trials:
 
     def _judged_as(self, found: Outcome, verdict: Verdict) -> Outcome:
         """An outcome with its verdict."""
-        why = f"{verdict}: {verdict.reason}" if verdict.reason else str(verdict)
         lost = verdict.failed
-        return dataclasses.replace(found, verdict=verdict, failure=why if lost else "", excess=math.inf if lost else self._excess(found))
+        return dataclasses.replace(
+            found, verdict=verdict, failure=verdict.word if lost else "", excess=math.inf if lost else self._excess(found)
+        )
 
 
 def cases_of(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
@@ -558,15 +415,3 @@ def as_run(law: Any, late: float, seed: int) -> Any:
             )
         return law
     return dataclasses.replace(law, delay=law.delay * late, seed=seed)
-
-
-def _badness(outcome: Outcome) -> tuple[bool, float, float, float]:
-    """By what outcomes are compared: runs that fail, then the time stuck, then the excess."""
-    stuck = 0.0 if math.isnan(outcome.stuck) else outcome.stuck
-    finite = outcome.excess if math.isfinite(outcome.excess) else 0.0
-    return bool(outcome.failure), stuck, finite, outcome.ripple if math.isfinite(outcome.ripple) else 0.0
-
-
-def percent(value: float) -> str:
-    """A part in per cent as a report says it."""
-    return shown(100.0 * value, ".2g", " %")

@@ -34,7 +34,7 @@ def start_given(given: argparse.Namespace, scene: Any) -> Start | None:
     kind, _, rest = given.start.partition(":")
     if kind == "takeover" and rest:
         label, _, count = rest.rpartition(":") if rest.rpartition(":")[2].isdigit() and ":" in rest else (rest, "", "8")
-        return TakenOver(_law(scene, scene.case(label).label), _phases(count))
+        return TakenOver(one_law(scene, "--start", label), _phases(count))
     if kind == "rest":
         return FromRest(plain(rest) if rest else 0.0)
     if kind == "own":
@@ -53,9 +53,9 @@ def _phases(text: str) -> int:
     return int(text)
 
 
-def _law(scene: Any, label: str) -> Any:
-    """The one controller of a case whose stick-slip is taken over."""
-    laws = scene[label].controllers
+def one_law(scene: Any, option: str, label: str) -> Any:
+    """The one controller of a case whose stick-slip is taken over. Raises SceneError for another number of them."""
+    laws = scene[scene.case(label).label].controllers
     if len(laws) != 1:
-        raise SceneError(f"Argument `--start` must name a case with one controller to be taken over, but `{label}` has {len(laws)}.")
+        raise SceneError(f"Argument `{option}` must name a case with one controller to be taken over, but `{label}` has {len(laws)}.")
     return laws[0]

@@ -19,17 +19,16 @@ from __future__ import annotations
 
 import abc
 import contextlib
-import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from toolbox.arguments import number, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.units import NumberOrText
-from toolbox.measuring.judge import STICKS, is_stick
+from toolbox.measuring.judge import STICKS
 from toolbox.modelling.closed_loop import ClosedLoop, value_at
 from toolbox.modelling.closing import described
 from toolbox.modelling.inputs import ramp
@@ -37,23 +36,11 @@ from toolbox.modelling.laws import Controller, Sampled
 from toolbox.onsets.carried import Carried
 from toolbox.onsets.coming_to import HERE, Settled
 from toolbox.onsets.reach import held_starts
-from toolbox.onsets.takeover import acting_at, cycle_phases, reference_of, releases_of, taken_over
+from toolbox.onsets.takeover import at_set_point, cycle_phases, taken_over, under_controller
 from toolbox.scenes.judged import judged_contact, judged_speed, set_point
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.steady_loop import smooth_start
-
-
-def at_set_point(law: Any, reference: float) -> Any:
-    """A law, and the laws inside of it, with that set-point [rad/s]; what is no dataclass is returned as it is."""
-    if not dataclasses.is_dataclass(law):
-        return law
-    changed = {each.name: at_set_point(getattr(law, each.name), reference) for each in dataclasses.fields(law) if each.init}
-    changed = {name: value for name, value in changed.items() if isinstance(value, Controller) and value is not getattr(law, name)}
-    if isinstance(law, Controller) and hasattr(law, "reference"):
-        changed["reference"] = reference
-    return replace(law, **changed) if changed else law
-
 
 Starts = Sequence[Mapping[str, Any]]
 """Start values {state of the plant, memory or held command of a controller: value}, one mapping per run."""
@@ -236,16 +223,8 @@ class TakenOver(Start):
 
         Raises SimulationError if the run of the initial controller cannot be finished.
         """
-        contact = judged_contact(loop)
-        aim = reference_of(loop, judged_speed(loop, contact))
-        initial = self.initial_controller if aim is None else at_set_point(self.initial_controller, aim)
-        alone = loop.without_controllers.replace(controllers=(initial,), inputs={}, start={})
-        run = simulate(alone.replace(inputs={name: value for name, value in loop.inputs.items() if _takes(alone, name)}), self.duration)
-        if len(releases_of(run, contact)) < 2 or not is_stick(
-            run.time_in(contact, "stick", after=0.8 * self.duration), 0.2 * self.duration
-        ):
-            return Found([taken_over(loop, acting_at(run, run.end))], f"no stick-slip to end under {described(initial)}")
-        return Found([taken_over(loop, start) for start in cycle_phases(run, self.phases)])
+        values, note = under_controller(loop, self.initial_controller, self.phases, self.duration)
+        return Found(values, note)
 
 
 @dataclass(frozen=True)
@@ -326,11 +305,11 @@ def _from_below(loop: ClosedLoop) -> Iterator[RunState]:
             yield end
 
 
-def _takes(loop: ClosedLoop, name: str) -> bool:
-    """Whether a loop has an input, or a parameter that an input may take the place of."""
-    return name in loop.system.inputs or loop.system.has_parameter(name) or loop.system.has_signal(name)
-
-
 def start_of(starts: Start | Starts | None) -> Start:
     """The start that an argument says: smooth running if it is None, given start values if it is no start."""
     return SmoothRunning() if starts is None else starts if isinstance(starts, Start) else GivenStarts(list(starts))
+
+
+__all__ = [
+    "FromRest", "GivenStarts", "OwnStickSlip", "SmoothRunning", "Start", "TakenOver", "at_set_point", "cycle_phases", "start_of",
+]  # fmt: skip

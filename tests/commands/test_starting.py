@@ -33,7 +33,7 @@ def test_each_text_is_a_start(scene):
     ("text", "words"),
     [
         ("smoth", "did you mean `smooth`"), ("takeover", "it is one of"), ("takeover:stif PI", "did you mean `stiff PI`"),
-        ("own:two", "must end in a number of instants"), ("rest:30kN", "`ramp` must be in s"), ("own:0", "must be >= 1"),
+        ("own:two", "must end in a number of instants"), ("rest:30kN", "`ramp` must be in s"), ("own:0", "must be an integer >= 1"),
     ],
 )  # fmt: skip
 def test_a_text_that_is_none_is_refused_with_the_nearest(scene, text, words):
@@ -47,5 +47,6 @@ def test_margins_take_a_start_beside_uncertainty_only(capsys):
 
 
 def test_the_former_option_of_schedule_is_refused_with_the_new_one(capsys):
-    assert main(["schedule", str(RIG), "--depths", "1km", "2km", "--initial-controller", "stiff PI"]) == 2
-    assert "`--start`" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["schedule", str(RIG), "--depths", "1km", "2km", "--initial-controller", "stiff PI"])
+    assert "is now `--start`" in capsys.readouterr().err

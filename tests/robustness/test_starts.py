@@ -137,7 +137,7 @@ def test_a_connection_takes_the_weight_off_and_is_judged_when_it_is_on_again():
     found = worst_case(loop, 60.0, starts=AfterConnection([20.0]))
     assert found.survives and "weight off for 90 s" in str(found)
     with pytest.raises(SceneError, match="has no constant one"):
-        AfterConnection().on(loop.at("bit.weight", ((0.0, 10.0), (1e4, 2e4))))
+        AfterConnection().on(loop.replace(inputs={**loop.inputs, "bit.weight": ((0.0, 10.0), (1e4, 2e4))}))
 
 
 def test_given_values_are_a_start_as_well():

@@ -228,7 +228,24 @@ def of_quarters(found: Mapping[str, Any], quarter: float, accuracy: float) -> tu
 
 
 def stands(share: Any) -> Any:
-    """Return whether a contact stands in a time, of which it sticks that share; arrays element by element."""
+    """Return whether a contact stands in a time: whether it sticks in practically all of it.
+
+    Parameters
+    ----------
+    share
+        Share of the time in which the contact sticks [1], a number or an array.
+
+    Returns
+    -------
+    bool or np.ndarray
+        True from a share of 0.999 on, element by element.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import stands
+    >>> print(stands(1.0), stands(0.4))
+    True False
+    """
     return share >= STANDING
 
 

@@ -74,7 +74,14 @@ class Found:
 
 
 class Start(abc.ABC):
-    """Where judged runs begin: a value that says it in words and finds it on a plant."""
+    """Where judged runs begin: a value that says it in words and finds it on a plant.
+
+    Examples
+    --------
+    >>> from toolbox.robustness import FromRest, Start
+    >>> print(isinstance(FromRest("30 s"), Start), FromRest("30 s").words)
+    True rest, set-point by a ramp of 30 s
+    """
 
     @property
     @abc.abstractmethod

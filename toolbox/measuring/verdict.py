@@ -243,8 +243,8 @@ def stands(share: Any) -> Any:
     Examples
     --------
     >>> from toolbox.authoring import stands
-    >>> print(stands(1.0), stands(0.4))
-    True False
+    >>> print(f"{stands(1.0):d} of the first, {stands(0.4):d} of the second")
+    1 of the first, 0 of the second
     """
     return share >= STANDING
 

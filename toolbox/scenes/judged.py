@@ -111,7 +111,7 @@ def _judged(display_units: Metric, judge: ClosedLoop | Recorded, after: float, a
         settings = {"speed": stops}
         display_units = dataclasses.replace(standstill, name=display_units.name)
     elif scene is not None and stops is not None and display_units.name in STOPPED:
-        before = partial(_before_standstill, display_units.function, scene.signal, stops)
+        before = partial(_before_standstill, display_units.function, scene.signal or of, stops)
         display_units = dataclasses.replace(display_units, function=before)
     elif "target" in settings and settings["target"] is None:
         machine = judge.system if isinstance(judge, ClosedLoop) else judge

@@ -168,3 +168,14 @@ def test_a_short_walk_tells_the_same_of_a_loop_with_a_stick_slip_of_its_own(tmp_
     failed = of_run(loop, {})
     assert worst_case(loop, LONG, starts=FromRest()).survives != failed
     assert of_check(tmp_path, loop, {}) == failed
+
+
+def test_a_run_that_sticks_in_its_window_and_recovers_afterwards_has_recovered_for_every_verb():
+    """One of two takeovers sticks once more in a window from 2 s to 20 s; both come to smooth running, and error and ripple are those that they have there."""
+    loop = loop_of(SoftTorque(reference=8.5, **LIMITS))
+    worst = worst_case(loop, 20.0, starts=TAKEN, after=2.0)
+    told = [verdict_on(simulate(loop.replace(start=start), 20.0), "bit", "bit.speed", 2.0)[0] for start in TAKEN.on(loop).values]
+    assert [outcome.verdict for outcome in worst.outcomes] == told == ["free", "recovered after 1 stick"]
+    assert worst.survives and worst.outcomes[1].stuck > 0.05 and worst.worst.ripple < 1e-3
+    kept = worst_case(loop.at("top.reference", 7.0), 60.0, starts=TAKEN, after=20.0)
+    assert not kept.survives and kept.worst.verdict == "stick-slip"

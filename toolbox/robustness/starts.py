@@ -154,7 +154,7 @@ class FromRest(Start):
             return Found([{}])
         name = set_point(loop.system, judged_speed(loop, judged_contact(loop)))
         if name is None or math.isnan(float(loop.number(name).value)):
-            raise SceneError("Argument `ramp` must be given to a loop with a constant set-point, such as `top.reference`, but it has none.")
+            raise SceneError("Argument `ramp` must be given to a loop with a constant set-point, but it has none.")
         value = float(loop.number(name).value)
         return Found([{}], inputs=[{name: ramp(0.02 * value, value, 0.0, float(self.ramp))}])
 

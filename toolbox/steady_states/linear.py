@@ -135,10 +135,10 @@ def steady_state(
     for begin, limits in _begins(plant, u, given, bool(guess)):
         m = _modes_at(plant, begin, u, mode, resting=True)
         sticking = (m == 0.0) & holding_elements(plant)
-        equations, slopes = _rows(*residual_functions(plant), plant, u, m)
+        equations, slopes = _rows(*residual_functions(plant), plant, u, m, given)
         method = "lm" if sticking.any() else "hybr"
         if limits is not None:
-            wide = _rows(limits.residual, limits.jacobian, plant, u, m)
+            wide = _rows(limits.residual, limits.jacobian, plant, u, m, given)
             begin = past_limits(*wide, partial(_held_back, limits, plant, u, m), limits.count, begin, method)
 
         def terms(x: np.ndarray, equations: Any = equations, slopes: Any = slopes) -> np.ndarray:
@@ -194,13 +194,18 @@ Rows = Callable[..., np.ndarray]
 """A function of the states, and of the shares of open limits."""
 
 
-def _rows(residual: NumericFunction, jacobian: NumericFunction, plant: HybridSystem, u: np.ndarray, m: np.ndarray) -> tuple[Rows, Rows]:
-    """The equations of a steady state, which are the flow and the slips of the contacts in stick, and their slopes by the states."""
+def _rows(
+    residual: NumericFunction, jacobian: NumericFunction, plant: HybridSystem, u: np.ndarray, m: np.ndarray, given: np.ndarray
+) -> tuple[Rows, Rows]:
+    """The equations of a steady state, which are the flow and the slips of the contacts in stick, and their slopes by the states.
+
+    given: values that integrals on which nothing depends keep.
+    """
     sticking, kept = (m == 0.0) & holding_elements(plant), np.diag(integrals_of(plant).astype(float))
 
     def equations(x: np.ndarray, *share: np.ndarray) -> np.ndarray:
         flow, slip = residual(0.0, x, u, plant.values, m, *share)
-        return np.concatenate([np.array(flow).ravel() + kept @ (x - plant.begin), np.array(slip).ravel()[sticking]])
+        return np.concatenate([np.array(flow).ravel() + kept @ (x - given), np.array(slip).ravel()[sticking]])
 
     def slopes(x: np.ndarray, *share: np.ndarray) -> np.ndarray:
         of_flow, of_slip = jacobian(0.0, x, u, plant.values, m, *share)
@@ -555,20 +560,16 @@ def _free_flow(plant: HybridSystem) -> ca.SX:
 
 
 def integrals_of(plant: HybridSystem) -> np.ndarray:
-    """Whether each state is an integral of others on which nothing depends but other such integrals, as the angle of a shaft; shape (states,)."""
+    """Whether each state is an integral on which no equation depends, as the angle of a shaft may be; shape (states,)."""
 
     def found() -> np.ndarray:
         elements = [getattr(element, kind) for element in plant.elements for kind in element.expression_fields]
         laws = [expression for update in plant.updates for expression in (update.following, update.outputs)]
-        others = ca.vertcat(*[ca.vec(ca.SX(each)) for each in (*elements, *laws, plant.switched_equations.slip)])
-        read = np.array(ca.DM(ca.jacobian(others, plant.x).sparsity())).any(axis=0) if others.numel() else np.zeros(plant.x.numel(), bool)
-        by_flow = np.array(ca.DM(ca.jacobian(plant.switched_equations.field, plant.x).sparsity())) != 0
-        integrals = ~read
-        while True:
-            fewer = integrals & ~by_flow[~integrals].any(axis=0) & ~np.diag(by_flow)
-            if (fewer == integrals).all():
-                return integrals
-            integrals = fewer
+        equations = ca.vertcat(
+            *[ca.vec(ca.SX(each)) for each in (*elements, *laws, plant.switched_equations.field, plant.switched_equations.slip)]
+        )
+        read = np.array(ca.DM(ca.jacobian(equations, plant.x).sparsity())).any(axis=0)
+        return np.array(~read)
 
     return np.array(plant.once(("integrals",), found))
 

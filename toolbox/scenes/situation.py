@@ -29,7 +29,7 @@ class Situation:
     design
         How the controllers were designed; empty without controllers.
     surroundings
-        Inputs that vary, and noise of the sensors.
+        Inputs that vary, noise of the sensors, and samples that are late or missed.
     duration
         How long the runs last, and from when on they are judged.
     """
@@ -92,8 +92,11 @@ def _design(loop: ClosedLoop) -> str:
 
 
 def _surroundings(loop: ClosedLoop) -> str:
-    """Inputs that vary and noise of the sensors, in words."""
+    """Inputs that vary, noise of the sensors, and samples that are late or missed, in words."""
     varying = [name for name, value in loop.input_values.items() if not isinstance(value, (int, float))]
     noise = sorted({name for law in loop.controllers if isinstance(law, Sampled) for name in law.noise})
     words = [f"{', '.join(varying)} over time" if varying else "constant inputs"]
-    return ", ".join([*words, f"noise on {', '.join(noise)}" if noise else "no noise"])
+    words.append(f"noise on {', '.join(noise)}" if noise else "no noise")
+    sampled = [law for law in loop.controllers if isinstance(law, Sampled)]
+    words += [f"samples late by up to {1e3 * law.jitter:.4g} ms" for law in sampled if law.jitter]
+    return ", ".join([*words, *(f"{100.0 * law.missed_samples:.3g} % of the samples missed" for law in sampled if law.missed_samples)])

@@ -225,7 +225,9 @@ def test_results_and_loops_name_them():
     loop = closed_loop(RIG, Sampled(SoftTorque(reference=9.0), "10 ms", **CLOCK))
     assert "sampled every 10 ms, late by up to 4 ms, 10 % missed" in str(loop)
     words = str(Situation.of(loop, "rest", "60 s"))
-    assert "samples late by up to 4 ms, 10 % of the samples missed" in words
+    assert "samples late by up to 4 ms and 10 % of the samples missed" in words
+    both = Situation.of(loop, "rest", "60 s", cases={"a": loop, "b": closed_loop(RIG, SoftTorque(), sample_time=0.01)})
+    assert "no noise, samples late by up to 4 ms and 10 % of the samples missed under `a`;" in str(both)
     assert "late" not in str(Situation.of(closed_loop(RIG, SoftTorque(), sample_time=0.01), "rest", "60 s"))
 
 

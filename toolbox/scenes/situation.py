@@ -7,6 +7,7 @@ whether the controllers were designed once, what acted from outside, and for how
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,7 +45,16 @@ class Situation:
         return f"Holds for: {'; '.join(part for part in vars(self).values() if part)}."
 
     @classmethod
-    def of(cls, loop: ClosedLoop, start: str, duration: str, *, plants: str = "the nominal plant", design: str = "") -> Situation:
+    def of(
+        cls,
+        loop: ClosedLoop,
+        start: str,
+        duration: str,
+        *,
+        plants: str = "the nominal plant",
+        design: str = "",
+        cases: Mapping[str, ClosedLoop] | None = None,
+    ) -> Situation:
         """Return the situation of verdicts on a loop.
 
         Parameters
@@ -57,10 +67,12 @@ class Situation:
             The plants that were judged, in words.
         design
             How the controllers were designed, in words; by default once, at the set-point of the loop.
+        cases
+            {label: loop} of all loops that were judged, whose inputs and noise may differ; by default only this loop.
         """
         lumped = [words for part in loop.plant.parts if (words := getattr(part, "mode_summary", ""))]
         plant = plants + "".join(f" ({words})" for words in lumped)
-        return cls(plant, f"started from {start}", design or _design(loop), _surroundings(loop), duration)
+        return cls(plant, f"started from {start}", design or _design(loop), _surroundings(cases or {"": loop}), duration)
 
 
 def start_in_words(loop: ClosedLoop) -> str:
@@ -91,12 +103,37 @@ def _design(loop: ClosedLoop) -> str:
     return f"controller designed once, for this plant at {number.name} = {number.value * read.factor:.4g}{read.tail}"
 
 
-def _surroundings(loop: ClosedLoop) -> str:
-    """Inputs that vary, noise of the sensors, and samples that are late or missed, in words."""
-    varying = [name for name, value in loop.input_values.items() if not isinstance(value, (int, float))]
-    noise = sorted({name for law in loop.controllers if isinstance(law, Sampled) for name in law.noise})
+def _surroundings(cases: Mapping[str, ClosedLoop]) -> str:
+    """Inputs that vary, noise of the sensors, and samples that are late or missed, in words.
+
+    With the labels of the cases that have the noise, or the samples, unless all have the same.
+    """
+    varying = dict.fromkeys(
+        name for loop in cases.values() for name, value in loop.input_values.items() if not isinstance(value, (int, float))
+    )
     words = [f"{', '.join(varying)} over time" if varying else "constant inputs"]
-    words.append(f"noise on {', '.join(noise)}" if noise else "no noise")
-    sampled = [law for law in loop.controllers if isinstance(law, Sampled)]
-    words += [f"samples late by up to {1e3 * law.jitter:.4g} ms" for law in sampled if law.jitter]
-    return ", ".join([*words, *(f"{100.0 * law.missed_samples:.3g} % of the samples missed" for law in sampled if law.missed_samples)])
+    noise = {
+        label: ", ".join(sorted({name for update in loop.system.updates for name in update.channels})) for label, loop in cases.items()
+    }
+    words += _each_once({label: f"noise on {names}" if names else "" for label, names in noise.items()}) or ["no noise"]
+    return ", ".join([*words, *_each_once({label: _samples(loop) for label, loop in cases.items()})])
+
+
+def _each_once(words: Mapping[str, str]) -> list[str]:
+    """Words of labelled cases, each once, with its labels unless all cases have the same words; cases without words are left out."""
+    labels: dict[str, list[str]] = {}
+    for label, each in words.items():
+        labels.setdefault(each, []).append(label)
+    return [
+        each + (f" under {', '.join(f'`{label}`' for label in under)}" if len(labels) > 1 else "") for each, under in labels.items() if each
+    ]
+
+
+def _samples(loop: ClosedLoop) -> str:
+    """Lateness and misses of the samples of a loop, in words; empty for a loop that takes every sample in time."""
+    late, missed = (max((entry[k] for entry in loop.assembly.irregular), default=0.0) for k in (0, 1))
+    words = [
+        f"samples late by up to {1e3 * late:.4g} ms" if late else "",
+        f"{100.0 * missed:.3g} % of the samples missed" if missed else "",
+    ]
+    return " and ".join(filter(None, words))

@@ -20,6 +20,7 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.closing import check_regular
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium
+from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.linear import input_values
 from toolbox.steady_states.linear_loop import NoDerivative, checked_smooth
 from toolbox.steady_states.sampled_matrix import matrix_over_period
@@ -109,6 +110,9 @@ class SampledBranch:
             if point.placed(states, memory, {}):
                 yield point.with_outputs(states, memory)
                 yield point.begun(states, {point.names[j]: steady[point.names[j]] for j in point.driven})
+        start = RunState.begun(loop.system, loop.assembly.plant, loop.assembly.clocks, loop.start)
+        if point.placed({name: start[name] for name in loop.plant.states}, {}, {}):
+            yield point.with_outputs({name: start[name] for name in loop.plant.states}, {})
 
     def poles(self, value: float) -> np.ndarray | None:
         """Poles z over the period of the samples; None without steady running."""

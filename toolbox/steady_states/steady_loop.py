@@ -22,6 +22,7 @@ import numpy as np
 from toolbox.arguments import count_of, mapping
 from toolbox.errors import SceneError, SimulationError
 from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closing import check_regular
 from toolbox.modelling.components import Equations, Signal
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
@@ -297,6 +298,7 @@ def without_sensor_errors(loop: ClosedLoop) -> ClosedLoop:
 def sampled_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoop:
     """The loop of sampled laws, with continuous ones as a part of the plant; raises NoDerivative where a law has none at steady running."""
     exact = without_sensor_errors(loop)
+    check_regular(exact.assembly.irregular, "for a loop to have a linear form")
     plant, inputs, system, clocks = loop.plant, loop.constant_inputs("a linear loop"), exact.system, exact.assembly.clocks
     check_one_direction(system.elements, "The linear loop of a sampled law", "let the law act continuously")
     if any(update.from_callable for update in system.updates):

@@ -64,7 +64,10 @@ SHELVES = {
         "elastic": ("Elastic bodies", "elastic"),
     },
     "controllers": {
-        "top_drive": ("Controllers of a top drive", "pi soft_torque z_torque active_damping held_speed pipe"),
+        "top_drive": (
+            "Controllers of a top drive, and PID control of any signal",
+            "pi pid soft_torque z_torque active_damping held_speed pipe",
+        ),
         "state_feedback": ("Optimal and robust control", "lqr lqg h_infinity"),
         "sliding_modes": ("Sliding modes", "sliding_mode implicit_sliding_mode super_twisting"),
         "predictive": ("Predictive control", "linear_mpc nonlinear_mpc"),

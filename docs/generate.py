@@ -336,7 +336,7 @@ def drive_page() -> str:
 
 def _answer_lines(rows: Sequence[Mapping[str, str]]) -> list[str]:
     """The short table on top: some drives on three groups of plants, protocol `takeover`."""
-    groups = {"nominal": "nominal plant", "one_at_a_time": "one error of 10 or 20 %", "varying_weight": "varying weight"}
+    groups = {"nominal": "nominal plant", "one_at_a_time": "one parameter wrong by 10 or 20 %", "varying_weight": "varying weight"}
     lines = [f"| controller | {' | '.join(groups.values())} |", "|---|" + "---|" * len(groups)]
     found = {row["label"]: row for row in rows}
     for label in ANSWERS:

@@ -5,7 +5,7 @@ import pytest
 
 from models import Coulomb, GaussianStribeck, Joint, Viscous
 from toolbox import SceneError, compose, identify, simulate
-from toolbox.calibration import Identification, Recording
+from toolbox.calibration import Identification, Recording, residuals
 from toolbox.commands.command_line import main
 
 TIME = np.arange(0.0, 4.0, 0.005)
@@ -68,6 +68,70 @@ def test_a_coast_down_alone_gives_friction_over_the_inertia_and_says_so():
     assert "joint.inertia" not in found.names and "steps, or a sine of the largest torque" in found.untold["joint.inertia"]
     assert found["bearing.friction.viscous"] == pytest.approx(0.05, rel=0.01)
     assert found["bearing.friction.dry.static"] == pytest.approx(0.35, rel=0.01)  # the offset of 0.05 is part of it: motion is one way
+
+
+def coast(first=20.0, noise=0.01):
+    """Speed of a coast-down by its closed form: J v' = -(0.3 + 0.05 v), J = 0.02."""
+    speed = np.maximum((first + 6.0) * np.exp(-2.5 * TIME) - 6.0, 0.0)
+    return speed + noise * np.random.default_rng(5).standard_normal(TIME.size)
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.002 * np.random.default_rng(6).standard_normal(TIME.size)], ids=["zeros", "noise of a sensor"])
+def test_a_coast_down_with_a_torque_of_zeros_tells_friction_over_the_inertia(torque, monkeypatch):
+    runs = []
+    simulated = residuals.simulate
+    monkeypatch.setattr(residuals, "simulate", lambda *args, **options: runs.append(1) or simulated(*args, **options))
+    found = identify({"time": TIME, "joint.speed": coast(), "joint.torque": torque + 0.0 * TIME}, Joint(inertia=0.1))
+    plain = identify({"time": TIME, "joint.speed": coast()}, Joint(inertia=0.1))
+    assert "joint.inertia" not in found.names and not found.at_bounds
+    told = found.untold["joint.inertia"]
+    assert "only friction over inertia" in told and "0.1 kg m2" in told and "steps, or a sine of the largest torque" in told
+    for name, right in (("bearing.friction.dry.static", 5.0 * 0.3), ("bearing.friction.viscous", 5.0 * 0.05)):  # 5 = 0.1 / 0.02
+        low, high = found.interval(name)
+        assert low < right < high and high - low < 0.01 * right
+        assert found[name] == pytest.approx(plain[name], abs=0.5 * (high - low))
+    assert len(runs) < 60  # a search whose inertia goes to zero needs thousands
+
+
+def test_a_constant_torque_tells_the_inertia_only_up_to_its_largest_value():
+    speed = 14.0 * -np.expm1(-2.5 * TIME)  # 0.02 v' = 1.0 - 0.3 - 0.05 v: v' = 35 at rest
+    data = {
+        "time": TIME,
+        "joint.speed": speed + 0.01 * np.random.default_rng(7).standard_normal(TIME.size),
+        "joint.torque": np.ones(TIME.size),
+    }
+    for given, held in ((0.025, 0.025), (0.1, 0.5 / 35.0)):  # with 0.1 dry friction would be negative
+        found = identify(data, Joint(inertia=given))
+        inertia = float(found.plant.parts[0].inertia)
+        assert inertia == pytest.approx(held, rel=2e-3) and "joint.inertia" not in found.names
+        assert f"at most {1.0 / 35.0:.3f}"[:-1] in found.untold["joint.inertia"]
+        for name, right in (("bearing.friction.dry.static", 1.0 - 35.0 * inertia), ("bearing.friction.viscous", 2.5 * inertia)):
+            low, high = found.interval(name)
+            assert low - 0.5 * (high - low) < right < high + 0.5 * (high - low)
+
+
+def test_one_speed_tells_friction_there_and_neither_inertia_nor_viscous_friction():
+    random = np.random.default_rng(8)
+    moving = {"time": TIME, "joint.speed": 5.0 + 0.01 * random.standard_normal(TIME.size), "joint.torque": np.full(TIME.size, 0.55)}
+    points = {"joint.speed": 5.0 + 1e-3 * random.standard_normal(12), "joint.torque": 0.55 + 1e-3 * random.standard_normal(12)}
+    for data in (moving, points):
+        found = identify(data, "Joint")
+        assert set(found.untold) >= {"joint.inertia", "bearing.friction.viscous", "joint.torque_offset"} and not found.at_bounds
+        assert found["bearing.friction.dry.static"] == pytest.approx(0.55, rel=2e-3)
+        assert "differ by a factor of five" in found.untold["bearing.friction.viscous"]
+
+
+def test_a_coast_down_without_torque_beside_a_driven_recording_keeps_the_inertia():
+    found = identify([{"time": TIME, "joint.speed": coast(), "joint.torque": 0.0 * TIME}, log(SINE, joint=Joint(
+        inertia=0.02, friction=TRUE.friction))], "Joint")  # fmt: skip
+    assert off(found, {**TRUTH, "joint.torque_offset": 0.0}) == []
+
+
+def test_recordings_without_motion_are_refused_with_the_remedy():
+    weak = 0.2 * np.sin(6.0 * TIME)
+    for signal in ({"joint.angle": np.full(TIME.size, 0.3)}, {"joint.speed": 0.01 * np.random.default_rng(9).standard_normal(TIME.size)}):
+        with pytest.raises(SceneError, match="must hold motion, but there is none: raise the force"):
+            identify({"time": TIME, "joint.torque": weak, **signal}, "Joint")
 
 
 def test_a_gap_makes_two_runs_each_with_its_own_start():
@@ -172,6 +236,7 @@ def test_pictures_show_the_speed_once_scaled_and_each_run_from_its_begin():
         data = log(torque, seed=seed)
         logs.append({"t": data["time"], "n [rpm]": data["joint.speed"] * 30.0 / np.pi, "T [N m]": data["joint.torque"]})
     found = identify(logs, "Joint", columns={"time": "t", "joint.speed": "n [rpm]", "joint.torque": "T [N m]"})
+    assert off(found, TRUTH) == []  # `T` is the torque, and `t` the time
     ax = found.plot()
     assert ax.get_xlabel() == "speed [rpm]"
     assert ax.get_xlim()[1] < 1.2 * found.points[0].max()  # matplotlib draws in SI, and its ticks are in rpm

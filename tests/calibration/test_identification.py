@@ -5,8 +5,9 @@ import pytest
 
 from models import Coulomb, GaussianStribeck, Joint, Viscous
 from toolbox import SceneError, compose, identify, simulate
-from toolbox.calibration import Identification, Recording, residuals
+from toolbox.calibration import Identification, Recording, identification, residuals
 from toolbox.commands.command_line import main
+from toolbox.modelling.laws import names
 
 TIME = np.arange(0.0, 4.0, 0.005)
 TRUE = Joint(inertia=0.02, torque_offset=0.05, friction=Viscous(Coulomb(0.3, 0.3), 0.05))
@@ -182,6 +183,34 @@ def test_two_files_and_one_command_give_the_friction_curve(tmp_path, capsys):
     }
     found = Identification.load(out / "identify.npz")
     assert off(found, TRUTH) == [] and found.untold
+
+
+def test_files_with_other_headings_and_signals_are_identified_together(tmp_path, caplog, monkeypatch):
+    monkeypatch.setattr(identification, "SLOW", -1.0)
+    run = simulate(compose(TRUE), TIME[-1], inputs={"joint.torque": (TIME, STEPS)}, output_times=TIME)
+    angle = np.degrees(run["joint.angle"]) + 0.01 * np.random.default_rng(3).standard_normal(TIME.size)
+    rows = [f"{t:.3f};{a:.4f};{m:.4f}".replace(".", ",") for t, a, m in zip(TIME, angle, STEPS, strict=True)]
+    (tmp_path / "steps.csv").write_text(
+        "\n".join(["Zeit [s];Winkel [deg];Moment [N m]", *rows[::-1]]), encoding="utf-16"
+    )  # the newest row first
+    data = log(SINE, seed=2)
+    table = np.stack([data["time"], data["joint.speed"] * 30.0 / np.pi, 1e3 * SINE], axis=1)
+    np.savetxt(tmp_path / "sine.csv", table, delimiter=",", header="t [s],n [rpm],T [N mm]", comments="")
+    files = [str(tmp_path / "steps.csv"), str(tmp_path / "sine.csv")]
+    named = {"time": ("Zeit", "t"), "joint.angle": "Winkel", "joint.speed": "n", "joint.torque": ("Moment", "T")}
+    with caplog.at_level("INFO", logger="stickslip"):
+        found = identify(files, "Joint", columns=named)
+    assert off(found, TRUTH) == [] and "dry and viscous friction is fitted" in caplog.text
+    typed = [f"--column={signal}={label}" for signal, labels in named.items() for label in names(labels)]
+    assert main(["identify", *files, "--plant", "Joint", *typed, "--out", str(tmp_path / "found")]) == 0
+    assert Identification.load(tmp_path / "found" / "identify.npz").values == pytest.approx(found.values, rel=1e-12, nan_ok=True)
+
+
+def test_a_recording_without_torque_says_that_it_counts_as_zero():
+    found = identify([{"time": TIME, "joint.speed": coast()}, log(SINE, joint=Joint(inertia=0.02, friction=TRUE.friction))], "Joint")
+    assert "no `joint.torque`, which counts as 0" in found.recordings[0] and "counts as 0" not in found.recordings[1]
+    with pytest.raises(SceneError, match="must have a column that `columns` names"):
+        identify({"t": TIME, "n [rad/s]": coast()}, "Joint", columns={"joint.speed": "speed", "joint.torque": "torque"})
 
 
 def test_what_cannot_be_identified_is_refused_with_what_must_be_there():

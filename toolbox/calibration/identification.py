@@ -27,7 +27,7 @@ from toolbox.calibration.motion import Guess, Run, first_guess, friction_points,
 from toolbox.calibration.recording import Recording, read_channels
 from toolbox.calibration.results import Fit
 from toolbox.calibration.windows import MeasuredContact, Search, Window, own_name
-from toolbox.errors import SceneError, SimulationError, Unidentifiable
+from toolbox.errors import SceneError, SimulationError, Unidentifiable, joined
 from toolbox.logs.grids import Column
 from toolbox.messages import LOG, progress_bar
 from toolbox.modelling.components import Component
@@ -69,7 +69,7 @@ def identify(
     data: Any,
     plant: Any = "Axis",
     *,
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str | Sequence[str]] | None = None,
     fixed: str | Sequence[str] = (),
     delayed_signals: str | Sequence[str] = (),
     friction: Any = None,
@@ -89,7 +89,9 @@ def identify(
         "Axis" (m, N) or "Joint" (rad, N m) of `models`, or such a part with other numbers, at which the search begins.
     columns
         {signal: column} for all recordings, such as {"time": "t", "axis.position": "pos [mm]", "axis.force": "F [N]"}.
-        A column that a recording does not have is left out. By default columns have the names of signals.
+        If recordings have different headings, give several, such as {"axis.force": ("F [N]", "Kraft [N]")}: of each
+        recording the first that it has counts. A signal that a recording does not have is left out, and a force that it
+        does not have is 0. By default columns have the names of signals.
     fixed
         Names of numbers of the part that keep the value of `plant`, such as "axis.mass".
     delayed_signals
@@ -153,19 +155,32 @@ def identify(
     return dataclasses.replace(
         found,
         display_units=with_derived({**found.display_units, **units}, *found.curve_units),
-        recordings=tuple(str(recording) for recording, _ in read),
+        recordings=tuple(_described(recording, part) for recording, _ in read),
     )
 
 
-def _read(data: Any, system: Any, part: Any, columns: Mapping[str, str] | None, keep: Sequence[str]) -> tuple[Recording, bool]:
+def _described(recording: Recording, part: Any) -> str:
+    """The description of a recording, with a sentence if no force was measured."""
+    force, steady = (f"{part.signal_prefix}.{name}" for name in (part.force_name, "resistance"))
+    without = f"\n  it has no `{force}`, which counts as 0 in it"
+    return f"{recording}{'' if force in recording.signals or steady in recording.signals else without}"
+
+
+def _read(
+    data: Any, system: Any, part: Any, columns: Mapping[str, str | Sequence[str]] | None, keep: Sequence[str]
+) -> tuple[Recording, bool]:
     """(recording, whether it holds steady points). Of the columns that are named those count that the recording has."""
     if isinstance(data, Recording):
         return data, False
-    source, where, name = source_of(data, system, columns, None)
+    typed = {signal: names_of(labels) for signal, labels in (columns or {}).items()}
+    source, where, name = source_of(data, system, {signal: labels[0] for signal, labels in typed.items()} or None, None)
     headings = [column.name for column in source.columns]
     heads = {" ".join(each.split()).casefold() for each in headings}
-    labels = list((columns or {}).values())
-    there = {signal: label for signal, label in (columns or {}).items() if heading_for(label, headings, labels) is not None}
+    labels = [label for own in typed.values() for label in own]
+    found = {signal: [label for label in own if heading_for(label, headings, labels) is not None] for signal, own in typed.items()}
+    there = {signal: own[0] for signal, own in found.items() if own}
+    if typed and not there:
+        raise SceneError(f"{where} must have a column that `columns` names, but it has {joined(headings)}.")
     timed = "time" in there or source.index is not None or any(each in heads for each in TIMES)
     if timed:
         return read_channels((source, where, name), system, there or None if columns else None, (), keep), False

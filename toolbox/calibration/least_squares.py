@@ -25,6 +25,9 @@ SINGULAR = 1e-6
 MUTE = 1e-9
 """Change of the residuals, in parts of the signals, below which a number has no influence: for a change by its own size."""
 
+NOTHING = 1e-100
+"""Slope of the residuals, in parts of the noise and for a change of a number by its own size, that is no slope: the search scales a number by it, and what it
+divides by the square of less overflows."""
 
 FEW = 0.05
 """Part of a signal, at most, that may break its law: where more does, the law is wrong, and all samples count."""
@@ -351,6 +354,7 @@ class LeastSquares:
                 at = ways @ (q * size)
                 found = misfit.slopes(at, self._size(at))
                 row = np.concatenate([_product(found[name] / scales[name], ways * size) for name in misfit.outputs])
+                row[:, np.abs(row).max(axis=0) < NOTHING] = 0.0
                 return self._heard(row) if misfit is self.misfit else row
 
             def left(q: np.ndarray, misfit: Any = misfit, ways: np.ndarray = ways) -> np.ndarray:

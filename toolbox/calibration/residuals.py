@@ -74,7 +74,10 @@ class Simulated(Misfit):
 
     def __post_init__(self) -> None:
         self.names = [number.name for number in self.numbers]
-        self.outputs = [name for name in self.recording.signals if name not in self.loop.inputs]
+        measured = {
+            name: np.isfinite(values).any() for name, values in self.recording.signals.items()
+        }  # another window may have what this one lacks
+        self.outputs = [name for name, there in measured.items() if there and name not in self.loop.inputs]
         self.good = {name: np.isfinite(self.recording.signals[name]) for name in self.outputs}
         time, end = self.recording.time, float(self.recording.time[-1])
         for shift in self.shifts:  # what is compared is simulated for every shift between the bounds, and driven by what was measured

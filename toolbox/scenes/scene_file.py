@@ -38,7 +38,7 @@ from toolbox.vocabulary import new_field
 _SHAPES = {**UNITS, "table": {"times": "s", "values": ""}}
 """Units of the numbers of each shape of an input; empty for the unit of the signal."""
 
-SAMPLED = ("delay", "noise", "resolution", "seed")
+SAMPLED = ("delay", "noise", "resolution", "jitter", "missed_samples", "seed")
 """Keys of a controller that only a sampled law has."""
 
 _DOTTED = re.compile(r"""(?:\.[ \t]*+(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+){100}+""")
@@ -48,11 +48,12 @@ LAWS: dict[type, str] = {FrictionLaw: "friction law", Controller: "control law"}
 """Kinds of laws that a field may hold; an observer is a control law to the catalogue."""
 
 
-def read(path: Path, depth: float | str | None = None) -> dict[str, Any]:
-    """The fields of a Scene in a TOML file, with its part from tables made for that depth; raises SceneError. Whether it can be simulated is left to
-    `Scene.check`."""
+def read(path: Path, depth: float | str | None = None, refined: bool = False) -> dict[str, Any]:
+    """The fields of a Scene in a TOML file, with its part from tables made for that depth, or of twice as many elements; raises SceneError. Whether it can be
+    simulated is left to `Scene.check`."""
     data = _data(path)
-    return _scene(data if depth is None else _ending_at(data, depth), path.parent)
+    data = data if depth is None else _ending_at(data, depth)
+    return _scene(_refined(data, path.parent) if refined else data, path.parent)
 
 
 def _data(path: Path) -> dict[str, Any]:
@@ -189,6 +190,22 @@ def _ending_at(data: Mapping[str, Any], depth: float | str) -> dict[str, Any]:
     )
 
 
+def _refined(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """A scene whose parts that are lumped from tables have twice as many elements. Raises SceneError if it has none."""
+    entries = _tables(data, "plant")
+    finer = []
+    for i, entry in enumerate(entries):
+        item: Any = catalogue.part(entry["part"], "part") if isinstance(entry, dict) and isinstance(entry.get("part"), str) else None
+        if _from_tables(item, entry) and "elements" in inspect.signature(item.from_tables).parameters:
+            count = entry.get("elements") or _component(entry, f"plant.{i}", folder).element_count
+            finer.append({**{key: value for key, value in entry.items() if key != "band"}, "elements": 2 * count})
+        else:
+            finer.append(entry)
+    if finer == entries:
+        raise SceneError("none of its parts is lumped from a table of sections, so that no number of elements can be doubled.")
+    return {**data, "plant": finer}
+
+
 def _loaded(kind: Any, value: Any, name: str, folder: Path) -> Any:
     """A field of data of its own, such as the matrices of a body: the path of a file that its class loads, or a table of its fields."""
     try:
@@ -258,7 +275,10 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
         if key in data:
             raise SceneError(f"The key `{key}` of `{label}` must come with `sample_time`, but there is none.")
     sensors = {key: _readings(data.get(key, {}), f"{label}.{key}", plant) for key in ("noise", "resolution")}
-    case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"), seed=data.get("seed", 0), **sensors)
+    delay, jitter, missed = (
+        parse(data.get(key, 0.0), unit, f"{label}.{key}") for key, unit in (("delay", "s"), ("jitter", "s"), ("missed_samples", "1"))
+    )
+    case = Case(label, law, sample_time, delay, seed=data.get("seed", 0), jitter=jitter, missed_samples=missed, **sensors)
     return dataclasses.replace(case, inputs=inputs_of(data.get("inputs", {}), f"{label}.inputs", plant, [case]))
 
 

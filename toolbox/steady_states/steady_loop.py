@@ -33,7 +33,7 @@ from toolbox.simulation.budget import Budget
 from toolbox.simulation.methods import EventExact
 from toolbox.simulation.samples import Samples
 from toolbox.simulation.simulate import simulate
-from toolbox.steady_states.linear import equilibrium, input_values, linearise
+from toolbox.steady_states.linear import at_rest, equilibrium, input_values, linearise, residual_functions
 from toolbox.steady_states.linear_loop import LinearLoop, NoDerivative, acts, checked_smooth, zero_order_hold
 from toolbox.steady_states.running import at_set_points
 
@@ -82,11 +82,8 @@ def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> Steady
     for element in closed.elements:
         if element.name not in own:
             raise NoDerivative(f"`{element.name}` of the law switches")
-    checked_smooth(
-        lambda x: np.array(closed.rhs(0.0, x, point.inputs, closed.values, mode_numbers(closed, point.modes))).ravel(),
-        _slope(closed, point),
-        point.states,
-    )
+    flow, modes = residual_functions(closed)[0], mode_numbers(closed, point.modes)
+    checked_smooth(lambda x: np.array(flow(0.0, x, point.inputs, closed.values, modes)[0]).ravel(), _slope(closed, point), point.states)
     broken = dataclasses.replace(loop, controllers=tuple(Broken(law) for law in loop.designed_controllers))
     drives = tuple(name for law in loop.designed_controllers for name in law.actuated_signals)
     commands = {plant.redirected_signals.get(name, name): float(point[plant.redirected_signals.get(name, name)]) for name in drives}
@@ -123,7 +120,7 @@ class SampledPoint:
     def __init__(self, system: HybridSystem, plant: HybridSystem, clocks: Sequence[tuple[float, float]], inputs: Mapping[str, float]):
         self.system, self.clocks = system, clocks
         self.u = input_values(system, inputs)
-        field = system.switched_equations.field
+        field = at_rest(system, system.switched_equations.field)
         following, outputs = (
             [system.substitute_forces(ca.densify(each)) for each in pair]
             for pair in zip(*[(update.following, update.outputs) for update in system.updates], strict=True)

@@ -130,7 +130,7 @@ SHIPPED = {
     },
     "aarsnes_shor": {
         "published PI": "stick-slip",
-        "soft torque, lumped matching": "irregular stick-slip",
+        "soft torque, lumped matching": "stick-slip",
         "PI of 4 pipe impedances": "free",
     },
     "block_on_belt": {"no controller": "stick-slip"},

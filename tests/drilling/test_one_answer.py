@@ -14,7 +14,7 @@ import pytest
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, onset, severity_map, simulate, worst_case
-from toolbox.drilling import answers, windows
+from toolbox.drilling import answers, schedule, windows
 from toolbox.drilling.groups import machine_groups
 from toolbox.drilling.set_points import Trial
 from toolbox.measuring.judge import SMOOTH
@@ -68,6 +68,12 @@ def of_check(tmp_path, loop, start):
     return False
 
 
+def of_schedule(loop, starts):
+    """The verdict of a schedule whose plant is the same at both depths."""
+    found = schedule(lambda _: loop.plant, [1000.0, 2000.0], loop.controllers[0], LONG, starts=starts)
+    return not found.holds, found
+
+
 @functools.cache
 def answered(name):
     return answers({name: LOOPS[name][0]}, StiffPI(), phases=2, duration=LONG)
@@ -96,6 +102,7 @@ def from_smooth_running(name, tmp_path):
     yield "basin", kicked.share < 1.0, kicked
     yield "chance", likely, drawn
     yield "checks", of_check(tmp_path, loop, start), None
+    yield "schedule", *of_schedule(loop, None)
     middle = list(branches(name).values).index(at)
     yield "onset", branches(name).smooth[middle].regime != SMOOTH, branches(name)
     yield "severity_map", bool(mapped(name).smooth.verdict[1, 1] != CALM), mapped(name)
@@ -126,6 +133,7 @@ def taken_over(name, tmp_path):
     yield "study", any(of_run(loop, start) for start in starts.values), None
     yield "worst_case", not worst.survives, worst
     yield "answers", not found[name].starts["takeover"].passed, found
+    yield "schedule", *of_schedule(loop, TAKEN)
     yield "chance", *of_chance(loop, at, TakenOver(StiffPI(), 1))
     if loop.is_sampled:
         nominal = machine_groups(loop, 0.0)["nominal"]
@@ -142,6 +150,12 @@ def from_own_stick_slip(name, tmp_path):
     yield "onset", bool(branches(name).cycling[middle]), branches(name)
     yield "severity_map", bool(mapped(name).sticking.verdict[1, 1] in (STICK_SLIP, STUCK)), mapped(name)
     ranges = {"top.reference": (at - 0.4, at + 0.4), "bit.weight": (0.98 * WEIGHT, 1.02 * WEIGHT)}
+    try:
+        beside = smallest_error(loop, {"bit.weight": 1e-3}, LONG)
+    except SceneError:  # its smooth running fails already
+        pass
+    else:
+        yield "smallest_error", "of 4 runs of the nominal plant fail" in beside.own_stick_slip, beside
     try:
         wide = windows(lambda _: loop.plant, [1000.0], loop.controllers[0], ranges, second_values=[WEIGHT], shape=(3, 3))
     except SceneError:

@@ -2,6 +2,7 @@
 
 What cannot be a quantity: nan, infinity, True, a complex number, a list, text without a unit, text with another unit, and a number out of its declared
 bounds. What cannot be a whole number: all of these, a fraction and text. Quantities that need not be given are asked, too.
+That no bound is lost tells the test of the reference, whose tables hold them.
 """
 
 from __future__ import annotations

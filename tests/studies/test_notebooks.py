@@ -225,5 +225,6 @@ def test_tuned_gains_free_a_well_from_tables_on_a_finer_model_and_another_weight
     assert found["stuck"]["as published"] > 5.0 and found["stuck"]["tuned"] == 0.0
     assert found["severity"]["as published"] > 1.0 and found["severity"]["tuned"] < 0.3
     assert 1.0 < found["proportional"] / found["impedance"] < 8.0
-    assert found["failed"] == ["chain.inertia.0 -20 %, bit.weight +20 %, delay +100 %"] and found["runs"] == 32
+    assert found["sticks"] == ["chain.inertia.0 -20 %, bit.weight +20 %, delay +100 %"] and found["runs"] == 32
+    assert found["failed"] >= 28 and found["swing"] == pytest.approx(0.44, abs=0.03)  # a swing of the second mode goes on
     assert "#define DRIVE_READS 3" in found["header"] and "y[0]  top.speed [rad/s]" in found["header"]

@@ -15,6 +15,7 @@ from toolbox.commands.recording import results, untimed
 from toolbox.commands.terminal import asked_otherwise, common, drawn_as, earlier, file_stems, loaded, otherwise, progress, show
 
 if TYPE_CHECKING:
+    from toolbox.scenes.scene import Scene
     from toolbox.scenes.verdict_table import Row
 
 COMMON_FILES = ("scene.toml", "study.txt", "table.csv", "comparison.png", "measured.csv")
@@ -64,10 +65,12 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Study a scene. Returns the exit code."""
     from toolbox.onsets import study
+    from toolbox.scenes.scene import Scene
     from toolbox.scenes.verdict_table import table, write_table
     from toolbox.steady_states.instability import instability
 
     scene = loaded(given)
+    finer = otherwise(Scene.load(given.scene, refined=True), given) if given.refined else None
     stems = file_stems(scene.labels)
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
     with results(given, names, earlier("table.csv", "^controller,verdict,stuck,", _left)) as folder:
@@ -100,7 +103,7 @@ def run(given: argparse.Namespace) -> int:
             )
         warning = scene.dependencies().warning
         notes += [warning] if warning else []
-        notes += [_refined(given, rows)] if given.refined else []
+        notes += [_refined(finer, rows)] if finer is not None else []
         notes += [f"{label}: {unstable}" for label in scene.labels if (unstable := instability(scene[label]))]
         (folder / "study.txt").write_text("\n\n".join([table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
     show("\n\n".join([table(scene, rows), *notes]))
@@ -108,13 +111,11 @@ def run(given: argparse.Namespace) -> int:
     return 1 if all(row.failed for row in rows) else 0
 
 
-def _refined(given: argparse.Namespace, rows: Sequence[Row]) -> str:
+def _refined(finer: Scene, rows: Sequence[Row]) -> str:
     """The verdicts on the scene with twice as many elements, beside those of its own number."""
     from toolbox.files.printing import columns
     from toolbox.onsets import study
-    from toolbox.scenes.scene import Scene
 
-    finer = otherwise(Scene.load(given.scene, refined=True), given)
     lumped = [words for part in finer.plant().parts if (words := getattr(part, "mode_summary", ""))]
     again = [study.verdict_row(finer, row.controller)[0] for row in rows]
     cells = [("controller", "verdict", "with twice the elements", "stuck", "with twice the elements")]

@@ -112,7 +112,6 @@ STICK_SLIP = Verdict("stick-slip", STICKS, "bad", True)
 STICK_SLIP_LATER = Verdict("stick-slip later", STICKS, "bad", True)
 STICKS_AT_THE_END = Verdict("sticks at the end", STICKS, "bad", True)
 STICKS_IN_WINDOW = Verdict("sticks in the window", STICKS, "bad", True)
-IRREGULAR = Verdict("irregular stick-slip", STICKS, "bad", True)
 STUCK = Verdict("stuck", STANDS, "bad", True)
 STUCK_LATER = Verdict("stuck later", STANDS, "bad", True)
 RUN_FAILED = Verdict("failed", FAILED, "bad", True)
@@ -123,8 +122,9 @@ def of_judged(judged: Judged, count: int) -> Verdict:
     """Return the verdict on a run that the judge has decided.
 
     "free", "stick-slip", "swing" and "stuck" for its regime at last; "recovered after 1 stick" and "recovered" if it is free after one stick or several;
-    "irregular stick-slip" if sticks go on and never repeat; "stick-slip later" and "stuck later" if they begin only after the time that was looked at. If
-    nothing decides, the time constant is told with which a small disturbance of smooth running grows.
+    "stick-slip" also if sticks go on and never repeat: whether a chaotic motion seems to repeat depends on the last bits of a processor. "stick-slip later"
+    and "stuck later" if sticks begin only after the time that was looked at. If nothing decides, the time constant is told with which a small disturbance of
+    smooth running grows.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def of_judged(judged: Judged, count: int) -> Verdict:
         return SWING.because(why)
     if judged.regime == NOT_DECIDED:
         if judged.sticks:
-            return IRREGULAR.because(why)
+            return STICK_SLIP.because(why)
         return Verdict(told_growth(judged.rate), failed=True, reason=why) if judged.rate > 0 else UNDECIDED.because(why)
     return Verdict(judged.regime, judged.regime, failed=True)
 

@@ -31,7 +31,7 @@ from toolbox.onsets.coming_to import LONGEST, Settled, comes_to
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS
 from toolbox.probability.distributions import Draws, drawn, known_as
 from toolbox.probability.results import Chance
-from toolbox.robustness.starts import Start
+from toolbox.robustness.starts import OwnStickSlip, Start, TakenOver
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.scenes.situation import Situation, start_in_words
 from toolbox.simulation.simulate import simulate
@@ -159,6 +159,7 @@ def chance(
             judged[label] = search.judged
     names = [first.number(name) for name in points.names]
     begun = start_in_words(first) if starts is None else starts.words if isinstance(starts, Start) else "a start of its own for each draw"
+    begun += ", smooth running of a plant that has none" if isinstance(starts, (OwnStickSlip, TakenOver)) else ""
     lasts = f"{longest:.4g} s, carried on until the regime is decided"
     situation = Situation.of(first, begun, lasts, plants=f"{draws} plants with drawn numbers at each point", cases=loops)
     return Chance(

@@ -23,8 +23,8 @@ def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: f
 
         angle(w) + atan(w J_bit / zeta) = k pi
 
-    This form is equivalent to the transcendental equation of the stepped shaft, but no root can be missed. Accuracy:
-    round-off.
+    for a whole number k. This condition is equivalent to the transcendental equation of the stepped shaft, but no root
+    can be missed, because its left side grows with w. Accuracy: round-off.
 
     Source: textbook (transfer matrices in the phase form of Pruefer).
 

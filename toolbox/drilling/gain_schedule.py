@@ -71,7 +71,8 @@ class CheckedDepth:
 
 @dataclass(frozen=True)
 class Schedule(Told, Result):
-    """Gains over depth with their checks: `print(found)` shows the table, `found.to_csv(path)` writes the gains, `found.plot()` draws both.
+    """Gains over depth with the results of their checks, the result of `schedule`: `print(found)` shows the table,
+    `found.to_csv(path)` writes the gains.
 
     Attributes
     ----------
@@ -84,9 +85,9 @@ class Schedule(Told, Result):
     names, units
         The numbers of the controller that change with depth, and their units in SI.
     gains
-        Their values, shape (depths, numbers).
+        Values of these numbers, shape (depths, numbers).
     checked
-        Results of the checks at every depth of the table, and halfway between.
+        Results of the checks at every depth of the table, and halfway between neighbouring depths.
     display_units
         {SI unit: unit that was typed}: the units in which `print` answers.
     controller
@@ -112,11 +113,11 @@ class Schedule(Told, Result):
 
     @property
     def holds(self) -> bool:
-        """Whether every run at every depth is a success."""
+        """Whether every run succeeds, at every depth that was checked."""
         return not any(each.failed for each in self.checked)
 
     def gains_at(self, depth: NumberOrText) -> dict[str, float]:
-        """Return {number: value} at a depth [m]: linear between the rows of the table, constant outside."""
+        """Return {number: value in SI} at a depth [m]: linear between the rows of the table, constant outside the table."""
         depth = number("depth", depth, "m", at_least=0)
         return {name: float(np.interp(depth, self.depths, self.gains[:, k])) for k, name in enumerate(self.names)}
 
@@ -186,8 +187,8 @@ def schedule(
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
 ) -> Schedule:
-    """Design a controller at several depths of a well, interpolate its gains between them, and check it there and
-    halfway between.
+    """Design a controller at several depths of a well, interpolate its gains over depth, and check the interpolated
+    controller at these depths and halfway between them.
 
     Parameters
     ----------
@@ -198,17 +199,19 @@ def schedule(
         At least two depths, in metres or text with units, in rising order.
     controller
         A controller that designs itself on the plant of each depth. Or a function depth [m] -> controller, such as a
-        function that tunes it there. All its numbers are interpolated, so that their number must be the same at every
-        depth.
+        function that tunes it there. All numbers of the controller are interpolated, so every depth must have the same
+        numbers.
     duration
         Length of a run [s].
     initial_controller
-        A controller that is replaced. If the string sticks and slips with it, runs begin at four phases of this
-        cycle. By default, and if it does not stick and slip, runs begin near smooth running.
+        A controller that the checked controller replaces. If the string sticks and slips with this initial controller,
+        the runs begin at four phases of the stick-slip cycle. Without an initial controller, or without stick-slip, the
+        runs begin near smooth running.
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed, and allowed ripple of a command, as fractions of their means [1].
+        Allowed error of the mean speed as a fraction of the set-point [1], and allowed ripple of a command as a
+        fraction of its mean [1].
 
     Returns
     -------

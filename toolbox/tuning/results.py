@@ -111,6 +111,7 @@ class Tuned(Told, Result):
     >>> drive = PI(proportional=400.0, integral=100.0, reference="120 rpm")
     >>> found = tune(rig, drive, "severity", {"pi.proportional": (100.0, 2000.0)}, duration="30 s", runs=10)
     >>> print(f"severity {found.before.values[0][0]:.2f} before, {found.best.values[0][0]:.2f} after {len(found.trials)} trials")
+    severity 0.20 before, 0.11 after 9 trials
     """
 
     title: str

@@ -166,7 +166,7 @@ def entries(word: str, given: Sized | None, size: int, each: str) -> None:
     size
         Expected number of entries.
     each
-        Continuation of the message that says which entries are expected, such as ", one per spring".
+        Text that the message adds after the expected number of entries, such as ", one per spring".
 
     Raises
     ------

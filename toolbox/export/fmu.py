@@ -67,7 +67,7 @@ def export_fmu(
     path
         The file. Its name without suffix is the name of the unit.
     part
-        "law" for the controller, or "loop". By default the controller if there is one.
+        "law" for the controller, or "loop". By default "law" if the loop has a controller, otherwise "loop".
     duration
         Time over which the accuracy of a loop is promised [s]. By default the duration of its scene. The unit can run
         on after it.

@@ -121,7 +121,7 @@ def panels(columns: int, height: float, **kind: Any) -> Any:
     height
         Height of the figure [inch].
     kind
-        Further arguments of `matplotlib.pyplot.subplots`.
+        Other arguments of `matplotlib.pyplot.subplots`.
 
     Returns
     -------

@@ -34,7 +34,8 @@ FUNCTIONS = {
 
 
 class Result(Printed):
-    """Base class of results: a frozen dataclass of numbers, texts, arrays and such dataclasses, which can be saved and loaded.
+    """Base class of results that can be saved and loaded. A subclass is a frozen dataclass whose fields are numbers,
+    texts, arrays and dataclasses of these.
 
     The annotations of its fields must be known at run time.
     """
@@ -98,7 +99,7 @@ class Result(Printed):
         Raises
         ------
         SceneError
-            If the file is not one that `save` of this kind of result wrote.
+            If the file was not written by `save` of a result of this class.
         """
         path, kind = Path(path), cls.__name__
         what = f"a file written by `{kind}.save`"

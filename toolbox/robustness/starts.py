@@ -59,7 +59,7 @@ class Found:
 
 @dataclass(frozen=True)
 class SmoothRunning:
-    """Start at smooth running, with the commands and the memory that the controllers have there.
+    """Start of a run at smooth running, with the commands and the memory that the controllers have in this steady state.
 
     Examples
     --------
@@ -74,17 +74,17 @@ class SmoothRunning:
 
     @property
     def words(self) -> str:
-        """Description of the start."""
+        """Description of the start as text."""
         return "smooth running"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values on the plant of a loop. Raises SceneError if no steady running is known."""
+        """Return the start values for the plant of a loop. Raises SceneError if no smooth running is found."""
         return Found([smooth_start(loop)])
 
 
 @dataclass(frozen=True)
 class TakenOver:
-    """Start from the stick-slip cycle of another controller, which the judged controller takes over without a jump of its command.
+    """Start of a run in the stick-slip cycle of another controller. The judged controller takes over without a jump of the command.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class TakenOver:
     phases
         Number of instants of the cycle at which the judged controller takes over, at equal fractions of its period.
     duration
-        Time for which the initial controller runs before [s]. Its last complete cycle is used.
+        Time for which the initial controller runs before the takeover [s]. Its last complete cycle is used.
 
     Examples
     --------
@@ -117,11 +117,12 @@ class TakenOver:
 
     @property
     def words(self) -> str:
-        """Description of the start."""
+        """Description of the start as text."""
         return f"{self.phases} phase(s) of the stick-slip under {described(self.initial_controller)}, which is taken over without a jump"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values on the plant of a loop. Without stick-slip, return the last instant of the run and a note.
+        """Return the start values for the plant of a loop. If the initial controller shows no stick-slip, return the
+        last instant of its run and a note.
 
         Raises SimulationError if the run of the initial controller cannot be finished.
         """
@@ -137,7 +138,7 @@ class TakenOver:
 
 @dataclass(frozen=True)
 class OwnStickSlip:
-    """Start from the stick-slip of the judged loop itself, at phases of its cycle, with the memory of its controllers.
+    """Start of a run in the stick-slip of the judged loop itself, at phases of the stick-slip cycle, with the memory that the controllers have there.
 
     The stick-slip is searched from four starts: smooth running whose contact is stopped, rest, smooth running in which
     each weakly damped mode oscillates, and the stick-slip of the plant with constant commands.
@@ -165,13 +166,13 @@ class OwnStickSlip:
 
     @property
     def words(self) -> str:
-        """Description of the start."""
+        """Description of the start as text."""
         return f"{self.phases} phase(s) of the loop's own stick-slip"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values on the plant of a loop.
+        """Return the start values for the plant of a loop.
 
-        Returns none, with a note, if no start leads to permanent stick-slip, or if this cannot be decided.
+        If no start leads to permanent stick-slip, or if this cannot be decided, return no start values and a note.
         """
         contact = judged_contact(loop)
         settled = Settled.of(loop, contact, judged_speed(loop, contact), 0.0)

@@ -82,9 +82,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class WorstCase(Told, Result):
-    """Outcomes of a loop over model errors, starts and seeds.
+    """Outcomes of the runs of a loop with model errors, starts and seeds, the result of `worst_case`.
 
-    `print(found)` shows the worst outcome of each error, `found.worst` is the worst of all.
+    `print(found)` shows the worst outcome of each error, `found.worst` is the worst outcome of all runs.
 
     Attributes
     ----------
@@ -122,7 +122,9 @@ class WorstCase(Told, Result):
 
     @property
     def worst(self) -> Outcome:
-        """The outcome with the largest excess. Raises SceneError if no plant has the stick-slip from which runs were to start."""
+        """The outcome with the largest excess over the allowed values. Raises SceneError if no plant has the stick-slip
+        from which runs were to start.
+        """
         if not self.outcomes:
             raise SceneError(f"There is no worst outcome, because there was no run: {self.run_conditions}.")
         return max(self.outcomes, key=_badness)
@@ -134,7 +136,7 @@ class WorstCase(Told, Result):
 
     @property
     def by_error(self) -> dict[str, Outcome]:
-        """{error: worst outcome}, in the order of the trials."""
+        """{name of the error: its worst outcome over starts and seeds}, in the order in which the errors were tried."""
         found: dict[str, Outcome] = {}
         for outcome in self.outcomes:
             known = found.get(outcome.error)
@@ -202,8 +204,8 @@ def worst_case(
     - the contact never sticks,
     - the mean speed is within `mean_within` of its target,
     - no command deviates by more than `ripple_within` of its mean, and
-    - smooth running is stable on that machine: a small disturbance must not grow, however slowly. A run that still
-      oscillates is continued until the judge of `onset` can decide.
+    - smooth running is stable on the machine of this run: a small disturbance must not grow, however slowly. A run that
+      still oscillates at its end is continued until its regime can be decided.
 
     Inputs that vary in time count with their last value. If an input never becomes constant, only the time from `after`
     on decides.
@@ -216,8 +218,8 @@ def worst_case(
     duration
         Length of a run [s].
     uncertainty
-        {number of the loop: factor, or several factors}. Each is tried alone. "20 %" means 0.8 and 1.2, "+20 %" means
-        1.2 alone. "delay" is the delay of the sampled controllers.
+        {number of the loop: factor, or several factors}. Each factor is tried alone. "20 %" means 0.8 and 1.2, "+20 %"
+        means 1.2 alone. "delay" is the delay of the sampled controllers.
     corners
         Mappings {number of the loop: factor}. Each mapping is tried with all its errors at once. A percentage needs its
         sign here: "+20 %".
@@ -233,8 +235,8 @@ def worst_case(
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed, and allowed ripple of a command to either side, as fractions of their means
-        [1].
+        Allowed error of the mean speed as a fraction of its target [1], and allowed ripple of a command to either side
+        as a fraction of its mean [1].
     metrics
         Further metrics of every run from `after` on: names of `toolbox.measuring.metrics.METRICS`, functions of the
         run, or {name: metric}.

@@ -98,7 +98,7 @@ class SmoothStepFriction(_Falling):
 
     Defaults: `static` 0.3, `kinetic` 0.195 (0.65 times `static`) and `transition_speed` 1.5 rad/s.
 
-    Source: U. J. F. Aarsnes, R. J. Shor (2018), with these values for a law that jumps at 1.5 rad/s.
+    Source: U. J. F. Aarsnes, R. J. Shor (2018), with the default values for a law that jumps at 1.5 rad/s.
 
     Examples
     --------

@@ -18,8 +18,8 @@ def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: f
     The rigid rotation of the whole shaft is not included.
 
     Method: the vector y = (angle, torque / (zeta w)) rotates by w L / c along a section of length L, wave speed c and
-    impedance zeta. Where zeta changes the torque is continuous. The angle of y begins at atan(w J_top / zeta) and grows
-    with w. w is a natural frequency if
+    impedance zeta. At the end of a section, where zeta changes, angle and torque are continuous. The angle of y begins
+    at atan(w J_top / zeta) and grows with w. w is a natural frequency if
 
         angle(w) + atan(w J_bit / zeta) = k pi
 

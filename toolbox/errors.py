@@ -160,6 +160,16 @@ class UnusualValue(UserWarning):
 
     The message names the value in the declared unit and in the unit that was perhaps meant. If the value is intended,
     use `warnings.simplefilter("ignore", UnusualValue)`.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from models import BitRock
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     rock = BitRock(weight=96.04)
+    >>> print(rock.weight, "N,", len(caught), "warning")
+    96.04 N, 1 warning
     """
 
 

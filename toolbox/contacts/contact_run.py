@@ -94,6 +94,17 @@ class ContactRun(Renamed):
         The `ContactProblem`.
     wall_time
         Computing time [s].
+
+    Examples
+    --------
+    >>> from models import AxialChain, Coulomb, TorsionalChain, string_on_wall
+    >>> from toolbox.contacts import step_contacts
+    >>> axial = AxialChain(mass=(5000.0,), stiffness=(4e6,), damping=(2e5,))
+    >>> torsional = TorsionalChain(inertia=(2000.0, 100.0), stiffness=(2000.0,), damping=(80.0,))
+    >>> string = string_on_wall(axial, torsional, radius=0.1, loads=(5000.0,), friction=Coulomb(0.3, 0.3))
+    >>> run = step_contacts(string, "10 s", step=0.02, inputs={"hook.speed": -0.1})
+    >>> print(f"{run.friction_work[-1, 0]:.0f} J of friction work in {run.end:.0f} s")
+    1499 J of friction work in 10 s
     """
 
     problem: ContactProblem

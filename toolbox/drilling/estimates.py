@@ -58,6 +58,16 @@ class Detector:
 
     Stick-slip is reported from the sample on at which the range of the bit speed is nearly as large as its mean and
     half of the members have stuck. The report ends when the range has become small.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.drilling import Detector, EnsembleFilter
+    >>> detector, ensemble = Detector(), EnsembleFilter(compose(wells.JANSEN_2, BitRock(weight="97 kN")), members=16)
+    >>> reports = [detector(ensemble.step(0.1, torque=11e3, speed=10.0)) for _ in range(3)]
+    >>> print(sum(reports), "of", len(reports), "samples with stick-slip")
+    0 of 3 samples with stick-slip
     """
 
     def __init__(self) -> None:

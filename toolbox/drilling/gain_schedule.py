@@ -97,6 +97,15 @@ class Schedule(Told, Result):
     all_gains
         All numbers of the controller at the depths of the table, including those that do not change. None after
         loading.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from toolbox.drilling import Schedule
+    >>> table = {"depths": (1500.0, 2500.0), "names": ("pi.proportional",), "units": ("N m s/rad",), "gains": np.array([[486.0], [376.0]])}
+    >>> found = Schedule("soft torque", "100 s", **table, checked=(), display_units={})
+    >>> print(found.gains_at("2000 m"))
+    {'pi.proportional': 431.0}
     """
 
     title: str

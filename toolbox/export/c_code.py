@@ -360,9 +360,9 @@ def export_c(
     Raises
     ------
     SceneError
-        If NAME is not a valid name in C, or a file cannot be written. For a controller: if the loop contains anything
-        but one sampled Controller, or the controller is no casadi expression. For a loop: if it is stiff, so that it
-        needs implicit steps, or one of its controllers is no casadi expression.
+        If NAME is not a valid name in C, or a file cannot be written. For a controller: if the loop does not contain
+        exactly one `Sampled` with a `Controller`, or this controller is no casadi expression. For a loop: if it is
+        stiff, so that it needs implicit steps, or one of its controllers is no casadi expression.
     SimulationError
         If the run fails.
 

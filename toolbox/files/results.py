@@ -38,6 +38,17 @@ class Result(Printed):
     texts, arrays and dataclasses of these.
 
     The annotations of its fields must be known at run time.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, margins
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), PI(proportional=400.0, integral=200.0, reference="120 rpm"))
+    >>> found = margins(loop)
+    >>> again = type(found).load(found.save("margins.npz"))
+    >>> print(again.disk_margin == found.disk_margin, f"{again.disk_margin:.2f}")
+    True 1.24
     """
 
     def save(self, path: str | Path) -> Path:

@@ -273,7 +273,7 @@ def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) ->
 def sweep(mean: float, amplitude: float, start: float, end: float, duration: float) -> Shape:
     """Return a swept sine around `mean`, whose frequency grows linearly in time.
 
-    The frequency goes on growing after `duration`.
+    After `duration` the frequency continues to grow at the same rate.
 
     Parameters
     ----------

@@ -581,7 +581,7 @@ class Takeover(Controller):
 
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Names of the outputs: the outputs of the second controller. The first controller gives all or some of them."""
+        """Names of the outputs: the outputs of the controller `after`. The controller `before` gives all or some of these signals."""
         return self.after.actuated_signals
 
     def design(self, plant: HybridSystem) -> Controller:

@@ -226,7 +226,9 @@ class SeverityMap(Told, Result):
         return np.unique(x[crossing])
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw both branches side by side with all borders (`toolbox.onsets.figures.severity_panels`)."""
+        """Draw the severity from smooth running and from stick-slip side by side, with all borders
+        (`toolbox.onsets.figures.severity_panels`). Return the axes.
+        """
         from toolbox.onsets.figures import severity_panels
 
         return severity_panels(self, axes)

@@ -136,7 +136,7 @@ class Basin(Told, Result):
         rows = [[*row, int(outcome)] for row, outcome in zip(self.initial_states.tolist(), self.outcomes, strict=True)]
         return [*headings, "outcome"], rows
 
-    plot = picture("basin_diagram", "Draw the disturbances over the first two states, or over the one with what they came to")
+    plot = picture("basin_diagram", "Draw the disturbances over the first two states, or over the only state with the outcome of each run")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""

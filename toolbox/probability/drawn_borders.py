@@ -179,7 +179,7 @@ class UncertainOnset(Told, Result):
             values += [borders, self.smooth_running_limits[label]]
         return headings, np.stack(values, axis=1).tolist()
 
-    plot = picture("onset_diagram", "Draw the chance of being free over the set-point for each law, with its bounds")
+    plot = picture("onset_diagram", "Draw for each controller the probability of no stick-slip over the set-point, with its bounds")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""

@@ -90,7 +90,7 @@ class ModelComparison(Told, Result):
             )
         return ["model", "log evidence", "error", "probability", "score left out", "behind", "error of that"], rows
 
-    plot = picture("comparison_diagram", "Draw evidence and score of each model below the best")
+    plot = picture("comparison_diagram", "Draw evidence and score of each model relative to the best model")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""

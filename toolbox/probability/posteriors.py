@@ -70,6 +70,16 @@ class Posterior(Told, Result):
         Number of runs, and number of tempering stages.
     display_units
         {SI unit: unit that was typed}.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import Uniform, posterior
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), inputs={"top.torque": "12 kN m"})
+    >>> found = posterior(loop, {"severity": "1.1 +- 0.1"}, {"bit.friction.static": Uniform(0.6, 1.0)}, "60 s", draws=32)
+    >>> print(f"{found['bit.friction.static'].mean():.1f}, from {len(found.samples)} draws")
+    0.8, from 32 draws
     """
 
     title: str
@@ -124,7 +134,7 @@ class Posterior(Told, Result):
         data = {name: (("chain", "draw"), self[name][None, :], {"units": unit}) for name, unit in zip(self.names, self.units, strict=True)}
         return xarray.Dataset(data, attrs={"title": self.title, "evidence": self.log_evidence, "evidence_error": self.log_evidence_error})
 
-    plot = picture("corner_diagram", "Draw the unknowns one by one and in pairs")
+    plot = picture("corner_diagram", "Draw the distribution of each unknown, and the draws of each pair of unknowns")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""

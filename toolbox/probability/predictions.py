@@ -116,7 +116,7 @@ class Prediction(Told, Result):
                 values.append(self.measured_values[name])
         return headings, np.stack(values, axis=1).tolist()
 
-    plot = picture("prediction_diagram", "Draw the bands with what was measured, one panel per signal")
+    plot = picture("prediction_diagram", "Draw the bands and the measured values, one panel per signal")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""

@@ -237,7 +237,10 @@ class Chance(Told, Result):
                 rows.append([label, *at, *(float(each[place]) for each in (chances, low, high, severity))])
         return ["controller", *self.names, "chance", "lower", "upper", "severity"], rows
 
-    plot = picture("chance_diagram", "Draw the chances, one panel per law over two numbers, curves with their bounds over one")
+    plot = picture(
+        "chance_diagram",
+        "Draw the probabilities of stick-slip: for two numbers one panel per controller, for one number curves with bounds",
+    )
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""

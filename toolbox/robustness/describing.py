@@ -131,6 +131,17 @@ class DescribingFunction(Result):
         given.
     display_units
         {SI unit: unit that was typed}: the units in which `print` answers.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.robustness import describing_function
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> found = describing_function(loop)
+    >>> print(f"{len(found.cycles)} cycles, slip of {found.steady_slip:.1f} rad/s at smooth running")
+    2 cycles, slip of 6.3 rad/s at smooth running
     """
 
     title: str

@@ -305,7 +305,7 @@ class Scene(Labelled):
         Returns
         -------
         Dependencies
-            The parts with the metrics that depend on each of them.
+            For each part, the metrics that depend on it.
 
         Raises
         ------

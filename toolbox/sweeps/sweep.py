@@ -105,7 +105,7 @@ def sweep(
     ------
     SceneError
         If a name is unknown, a value is out of bounds, a sample time or an entry of a table is varied, or `checkpoint`
-        holds anything but this sweep.
+        belongs to a different sweep.
     OSError
         If the disk is full.
     ImportError

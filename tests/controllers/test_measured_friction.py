@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from controllers import BrakeForce, HeldSpeed, groan_border
-from models import DiscBrake, Exponential, GaussianStribeck, StepFriction, Tabulated, Viscous
+from models import BrakeActuator, DiscBrake, Exponential, GaussianStribeck, StepFriction, Tabulated, Viscous
 from studies.questions import brake_check as own
 from studies.questions import brakes
-from toolbox import SceneError, closed_loop, compose, equilibrium, linearise, measure, simulate
+from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, linearise, measure, simulate
+from toolbox.inputs import sine
 from toolbox.measuring import metrics
 
 SPEEDS, COEFFICIENTS = own.SPEEDS, own.COEFFICIENTS
@@ -134,6 +135,20 @@ def test_a_force_eased_with_a_jerk_never_exceeds_the_border_and_its_twin_does():
     assert share < 0.82 and twin > 2.0  # 0.8, and the last sample before a lower piece
     assert jerk < 1.35 * 5.0 < twin_jerk  # the friction is up to 0.445 where 0.385 is expected
     assert twin_distance < distance < twin_distance + 0.5
+
+
+def test_with_a_fifth_more_friction_a_force_eased_with_a_jerk_is_silent_and_its_twin_is_not():
+    plant = compose(DiscBrake(force=0.0, friction=TABLE, wheel_radius=own.WHEEL), BrakeActuator())
+    more = {"pad.friction.coefficients": 1.2 * np.array(COEFFICIENTS), "pad.friction.static": 1.2 * 0.45}
+    found = []
+    for jerk in (None, 5.0):
+        law = BrakeForce(car_deceleration=own.WANTED, friction=0.385, margin=0.8, car_jerk=jerk)
+        run = simulate(
+            plant, 6.0, start={"disc.car_speed": "30 km/h"}, inputs={"pad.attachment": sine(0.0, 4.0, 40.0)},
+            controller=Sampled(law, 1e-3, delay=0.002), parameters=more,
+        )  # fmt: skip
+        found.append(metrics.releases("pad", 0.2, measure.standstill(run, "disc.car_speed", 0.03)).read(run))
+    assert found[0] >= 2 and found[1] == 0
 
 
 def test_the_eased_force_falls_along_a_constant_jerk_to_each_lower_piece():

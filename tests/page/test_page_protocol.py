@@ -393,11 +393,11 @@ def test_a_stop_tells_its_way_and_what_its_contact_sounds_like_until_it_stands()
     stopped = scene.run("constant force")
     times = np.linspace(0.0, measure.standstill(stopped, "disc.speed", scene.standstill_speed, after=scene.after), 20_001)
     way = np.trapezoid(stopped.at(times)["disc.speed"], times)
-    assert told["stands at"] == f"{times[-1]:.3g} s" and told["way of the stop"].startswith(
+    assert told["stands at"] == f"{times[-1]:.3g} s" and told["stopping distance"].startswith(
         f"{way:.4g} rad ({way / (2 * math.pi):.3g} turns), "
     )
     slowed = stopped.at(0.0)["disc.speed"] / times[-1]
-    assert told["way of the stop"].endswith(f", {slowed:.3g} rad/s2 in the mean")
+    assert told["stopping distance"].endswith(f", {slowed:.3g} rad/s2 in the mean")
     high, peak = stopped.signal_limits["brake.force"][1], np.abs(stopped["brake.force"]).max()
     assert told["peak of brake.force"] == f"{peak:.4g} N, {100 * peak / high:.3g} % of its limit"
     assert 30.0 < found["spectrum"]["tone"] < 60.0

@@ -105,8 +105,7 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 class SceneError(ValueError):
-    """Error in a plant, a scene or an argument with which the toolbox cannot compute. The message names the argument
-    and the condition that it must meet.
+    """Error in a plant, a scene or an argument that makes the computation impossible. The message names the argument and the violated condition.
 
     Examples
     --------
@@ -201,9 +200,7 @@ class ZenoError(SimulationError):
 
 
 class NoModes(SimulationError):
-    """Error for a run that reaches an instant at which no combination of modes of the elements is consistent with the
-    forces. `run` is the trajectory so far.
-    """
+    """Error for a run that reaches an instant without any combination of modes consistent with the forces. `run` is the trajectory so far."""
 
 
 class ControllerError(SimulationError):
@@ -245,7 +242,7 @@ class AccuracyError(SimulationError):
 
 
 class GrazingError(SimulationError):
-    """Error for a run that has no derivative, because one of its events has none.
+    """Error for a run without derivative, because one event of the run has no derivative.
 
     At such an event a guard (switching function) touches zero without crossing it, or two guards reach zero at the same
     instant.

@@ -21,7 +21,7 @@ from toolbox.vocabulary import Renamed
 
 @dataclass(frozen=True)
 class Window:
-    """Part of a log for `fit`, in which some free numbers have values of their own.
+    """Part of a log for `fit`. Some free numbers may have a separate value in each part.
 
     Attributes
     ----------

@@ -157,12 +157,12 @@ class ContactRun(Renamed):
         return (self.contact_modes == _code(mode)) @ self.problem.contact_areas / self.problem.contact_areas.sum()
 
     def last(self, mode: str = "stick") -> float:
-        """Return the last instant at which a contact is in a mode. nan if there is no such instant."""
+        """Return the last instant [s] with at least one contact in a mode. nan if there is no such instant."""
         found = np.flatnonzero((self.contact_modes == _code(mode)).any(axis=1))
         return float(self.time[found[-1]]) if found.size else float("nan")
 
     def first(self, mode: str) -> float:
-        """Return the first instant at which all contacts are in a mode. nan if there is no such instant."""
+        """Return the first instant [s] with all contacts in a mode. nan if there is no such instant."""
         found = np.flatnonzero((self.contact_modes == _code(mode)).all(axis=1))
         return float(self.time[found[0]]) if found.size else float("nan")
 

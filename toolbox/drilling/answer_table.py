@@ -64,7 +64,7 @@ def answers(
     checkpoint: str | Path | None = None,
     callback: Callable[[Answers], None] | None = None,
 ) -> Answers:
-    """Find for each controller of a plant whether it ends stick-slip: from which starts, and above which set-point.
+    """Find for each controller of a plant whether the controller ends stick-slip, for several starts, and above a lowest set-point.
 
     Each controller is designed once, at the set-point of its loop. Its gains stay the same at all other set-points. At
     the set-point of the loop it is tested from these starts:

@@ -92,7 +92,7 @@ def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
 
 @dataclass(frozen=True)
 class SetPointLimit(Renamed):
-    """Lowest set-point at which a controller ends stick-slip on a group of plants, with the cost of the recovery at this set-point.
+    """Lowest set-point of a controller that ends stick-slip on a group of plants, and cost of the recovery at this set-point.
 
     Attributes
     ----------

@@ -152,7 +152,7 @@ class Component(Renamed, Declared):
 
     @property
     def redirected_signals(self) -> Mapping[str, str]:
-        """Signals that this part redirects, as {signal that a controller uses: signal to which the controller is connected instead}.
+        """Signals that this part redirects, as {signal in the controller: signal of the plant that is connected to the controller}.
 
         Empty for most parts. Example: {"top.torque": "drive.command"} inserts an actuator between controllers and
         string, and the controllers need no change.

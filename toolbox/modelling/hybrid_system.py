@@ -415,7 +415,7 @@ class HybridSystem(Renamed):
         return changed
 
     def with_time_varying(self, names: Sequence[str]) -> HybridSystem:
-        """Return the plant in which some scalar parameters are inputs of the same names, so that a run may change them in time.
+        """Return the plant with some scalar parameters turned into inputs of the same names, for changes in time during a run.
 
         An example is rock that becomes harder with depth.
 

@@ -63,7 +63,7 @@ def onset(
     perturbation: float = 1e-3,
     accuracy: float | None = None,
 ) -> Onset:
-    """Find the borders of one parameter or input: values at which smooth running, stick-slip and standstill begin and end.
+    """Find the borders of one parameter or input between smooth running, stick-slip and standstill.
 
     Use it to find, for example, the lowest set-point or the highest weight on bit at which a machine runs smoothly, and
     the margin of the operating point to this border. The result also contains the Hopf points of smooth running. This

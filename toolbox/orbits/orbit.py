@@ -114,7 +114,7 @@ class Cycle(Told):
 
     @property
     def signature(self) -> tuple[tuple[str, str, str], ...]:
-        """The switches of one period as (element, mode before, mode after), in a form that does not depend on the instant at which the period begins."""
+        """The switches of one period as (element, mode before, mode after), independent of the instant chosen as the begin of the period."""
         return signature_of(self.run)
 
     def extremes(self, signal: str) -> tuple[float, float]:

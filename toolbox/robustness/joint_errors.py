@@ -150,7 +150,7 @@ class SmallestError(Told, Result):
 
     @property
     def values(self) -> dict[str, float]:
-        """{number: its value in SI at the smallest error with which the loop fails}. Empty if no run failed."""
+        """{number: value in SI at the smallest error that makes the loop fail}. Empty if no run failed."""
         return {number.name: number.value(part) for number, part in zip(self.parameters, self.error, strict=bool(self.error))}
 
     @property

@@ -136,7 +136,7 @@ class WorstCase(Told, Result):
 
     @property
     def by_error(self) -> dict[str, Outcome]:
-        """{name of the error: its worst outcome over starts and seeds}, in the order in which the errors were tried."""
+        """{name of the error: worst outcome over starts and seeds}, in the order of the trials."""
         found: dict[str, Outcome] = {}
         for outcome in self.outcomes:
             known = found.get(outcome.error)

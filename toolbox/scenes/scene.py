@@ -289,7 +289,7 @@ class Scene(Labelled):
 
     @property
     def metrics(self) -> dict[str, tuple[str, ...]]:
-        """Metrics by which the scene judges a run, as {metric: names of the signals and elements that it reads}."""
+        """Metrics for the judgement of a run, as {metric: names of the signals and elements that the metric reads}."""
         stuck = {"stuck": (self.element,)} if self.element is not None else {}
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 

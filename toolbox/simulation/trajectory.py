@@ -282,7 +282,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def ambiguous_events(self) -> list[Event]:
-        """Events at which more than one choice of modes was consistent with the forces.
+        """Events with more than one choice of modes that was consistent with the forces.
 
         If several contacts hold each other and the static friction is above the kinetic friction, Coulomb's law is not
         unique. It does not determine whether an arriving contact sticks, or which contact at its limit breaks away

@@ -84,6 +84,11 @@ class TorsionalChain(Component):
             whole("chain.collar_index", self.collar_index, -n, n - 1)
 
     @property
+    def element_count(self) -> int:
+        """Number of elements of the string."""
+        return len(self.stiffness)
+
+    @property
     def mode_summary(self) -> str:
         """Text with the number of inertias and the first three torsional natural frequencies [Hz] of the chain without controller and rock."""
         k, n = np.array(self.stiffness, float), len(self.inertia)

@@ -5,8 +5,9 @@ import pytest
 
 from models import Coulomb, GaussianStribeck, Joint, Viscous
 from toolbox import SceneError, compose, identify, simulate
-from toolbox.calibration import Identification, Recording
+from toolbox.calibration import Identification, Recording, identification, residuals
 from toolbox.commands.command_line import main
+from toolbox.modelling.laws import names
 
 TIME = np.arange(0.0, 4.0, 0.005)
 TRUE = Joint(inertia=0.02, torque_offset=0.05, friction=Viscous(Coulomb(0.3, 0.3), 0.05))
@@ -70,6 +71,70 @@ def test_a_coast_down_alone_gives_friction_over_the_inertia_and_says_so():
     assert found["bearing.friction.dry.static"] == pytest.approx(0.35, rel=0.01)  # the offset of 0.05 is part of it: motion is one way
 
 
+def coast(first=20.0, noise=0.01):
+    """Speed of a coast-down by its closed form: J v' = -(0.3 + 0.05 v), J = 0.02."""
+    speed = np.maximum((first + 6.0) * np.exp(-2.5 * TIME) - 6.0, 0.0)
+    return speed + noise * np.random.default_rng(5).standard_normal(TIME.size)
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.002 * np.random.default_rng(6).standard_normal(TIME.size)], ids=["zeros", "noise of a sensor"])
+def test_a_coast_down_with_a_torque_of_zeros_tells_friction_over_the_inertia(torque, monkeypatch):
+    runs = []
+    simulated = residuals.simulate
+    monkeypatch.setattr(residuals, "simulate", lambda *args, **options: runs.append(1) or simulated(*args, **options))
+    found = identify({"time": TIME, "joint.speed": coast(), "joint.torque": torque + 0.0 * TIME}, Joint(inertia=0.1))
+    plain = identify({"time": TIME, "joint.speed": coast()}, Joint(inertia=0.1))
+    assert "joint.inertia" not in found.names and not found.at_bounds
+    told = found.untold["joint.inertia"]
+    assert "only friction over inertia" in told and "0.1 kg m2" in told and "steps, or a sine of the largest torque" in told
+    for name, right in (("bearing.friction.dry.static", 5.0 * 0.3), ("bearing.friction.viscous", 5.0 * 0.05)):  # 5 = 0.1 / 0.02
+        low, high = found.interval(name)
+        assert low < right < high and high - low < 0.01 * right
+        assert found[name] == pytest.approx(plain[name], abs=0.5 * (high - low))
+    assert len(runs) < 60  # a search whose inertia goes to zero needs thousands
+
+
+def test_a_constant_torque_tells_the_inertia_only_up_to_its_largest_value():
+    speed = 14.0 * -np.expm1(-2.5 * TIME)  # 0.02 v' = 1.0 - 0.3 - 0.05 v: v' = 35 at rest
+    data = {
+        "time": TIME,
+        "joint.speed": speed + 0.01 * np.random.default_rng(7).standard_normal(TIME.size),
+        "joint.torque": np.ones(TIME.size),
+    }
+    for given, held in ((0.025, 0.025), (0.1, 0.5 / 35.0)):  # with 0.1 dry friction would be negative
+        found = identify(data, Joint(inertia=given))
+        inertia = float(found.plant.parts[0].inertia)
+        assert inertia == pytest.approx(held, rel=2e-3) and "joint.inertia" not in found.names
+        assert f"at most {1.0 / 35.0:.3f}"[:-1] in found.untold["joint.inertia"]
+        for name, right in (("bearing.friction.dry.static", 1.0 - 35.0 * inertia), ("bearing.friction.viscous", 2.5 * inertia)):
+            low, high = found.interval(name)
+            assert low - 0.5 * (high - low) < right < high + 0.5 * (high - low)
+
+
+def test_one_speed_tells_friction_there_and_neither_inertia_nor_viscous_friction():
+    random = np.random.default_rng(8)
+    moving = {"time": TIME, "joint.speed": 5.0 + 0.01 * random.standard_normal(TIME.size), "joint.torque": np.full(TIME.size, 0.55)}
+    points = {"joint.speed": 5.0 + 1e-3 * random.standard_normal(12), "joint.torque": 0.55 + 1e-3 * random.standard_normal(12)}
+    for data in (moving, points):
+        found = identify(data, "Joint")
+        assert set(found.untold) >= {"joint.inertia", "bearing.friction.viscous", "joint.torque_offset"} and not found.at_bounds
+        assert found["bearing.friction.dry.static"] == pytest.approx(0.55, rel=2e-3)
+        assert "differ by a factor of five" in found.untold["bearing.friction.viscous"]
+
+
+def test_a_coast_down_without_torque_beside_a_driven_recording_keeps_the_inertia():
+    found = identify([{"time": TIME, "joint.speed": coast(), "joint.torque": 0.0 * TIME}, log(SINE, joint=Joint(
+        inertia=0.02, friction=TRUE.friction))], "Joint")  # fmt: skip
+    assert off(found, {**TRUTH, "joint.torque_offset": 0.0}) == []
+
+
+def test_recordings_without_motion_are_refused_with_the_remedy():
+    weak = 0.2 * np.sin(6.0 * TIME)
+    for signal in ({"joint.angle": np.full(TIME.size, 0.3)}, {"joint.speed": 0.01 * np.random.default_rng(9).standard_normal(TIME.size)}):
+        with pytest.raises(SceneError, match="must hold motion, but there is none: raise the force"):
+            identify({"time": TIME, "joint.torque": weak, **signal}, "Joint")
+
+
 def test_a_gap_makes_two_runs_each_with_its_own_start():
     data = log(SINE)
     kept = (TIME < 1.7) | (TIME > 2.3)
@@ -118,6 +183,34 @@ def test_two_files_and_one_command_give_the_friction_curve(tmp_path, capsys):
     }
     found = Identification.load(out / "identify.npz")
     assert off(found, TRUTH) == [] and found.untold
+
+
+def test_files_with_other_headings_and_signals_are_identified_together(tmp_path, caplog, monkeypatch):
+    monkeypatch.setattr(identification, "SLOW", -1.0)
+    run = simulate(compose(TRUE), TIME[-1], inputs={"joint.torque": (TIME, STEPS)}, output_times=TIME)
+    angle = np.degrees(run["joint.angle"]) + 0.01 * np.random.default_rng(3).standard_normal(TIME.size)
+    rows = [f"{t:.3f};{a:.4f};{m:.4f}".replace(".", ",") for t, a, m in zip(TIME, angle, STEPS, strict=True)]
+    (tmp_path / "steps.csv").write_text(
+        "\n".join(["Zeit [s];Winkel [deg];Moment [N m]", *rows[::-1]]), encoding="utf-16"
+    )  # the newest row first
+    data = log(SINE, seed=2)
+    table = np.stack([data["time"], data["joint.speed"] * 30.0 / np.pi, 1e3 * SINE], axis=1)
+    np.savetxt(tmp_path / "sine.csv", table, delimiter=",", header="t [s],n [rpm],T [N mm]", comments="")
+    files = [str(tmp_path / "steps.csv"), str(tmp_path / "sine.csv")]
+    named = {"time": ("Zeit", "t"), "joint.angle": "Winkel", "joint.speed": "n", "joint.torque": ("Moment", "T")}
+    with caplog.at_level("INFO", logger="stickslip"):
+        found = identify(files, "Joint", columns=named)
+    assert off(found, TRUTH) == [] and "dry and viscous friction is fitted" in caplog.text
+    typed = [f"--column={signal}={label}" for signal, labels in named.items() for label in names(labels)]
+    assert main(["identify", *files, "--plant", "Joint", *typed, "--out", str(tmp_path / "found")]) == 0
+    assert Identification.load(tmp_path / "found" / "identify.npz").values == pytest.approx(found.values, rel=1e-12, nan_ok=True)
+
+
+def test_a_recording_without_torque_says_that_it_counts_as_zero():
+    found = identify([{"time": TIME, "joint.speed": coast()}, log(SINE, joint=Joint(inertia=0.02, friction=TRUE.friction))], "Joint")
+    assert "no `joint.torque`, which counts as 0" in found.recordings[0] and "counts as 0" not in found.recordings[1]
+    with pytest.raises(SceneError, match="must have a column that `columns` names"):
+        identify({"t": TIME, "n [rad/s]": coast()}, "Joint", columns={"joint.speed": "speed", "joint.torque": "torque"})
 
 
 def test_what_cannot_be_identified_is_refused_with_what_must_be_there():
@@ -172,6 +265,7 @@ def test_pictures_show_the_speed_once_scaled_and_each_run_from_its_begin():
         data = log(torque, seed=seed)
         logs.append({"t": data["time"], "n [rpm]": data["joint.speed"] * 30.0 / np.pi, "T [N m]": data["joint.torque"]})
     found = identify(logs, "Joint", columns={"time": "t", "joint.speed": "n [rpm]", "joint.torque": "T [N m]"})
+    assert off(found, TRUTH) == []  # `T` is the torque, and `t` the time
     ax = found.plot()
     assert ax.get_xlabel() == "speed [rpm]"
     assert ax.get_xlim()[1] < 1.2 * found.points[0].max()  # matplotlib draws in SI, and its ticks are in rpm

@@ -5,7 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from models import BitRock, BlockOnBelt, Coulomb, wells
+from models import BitRock, BlockOnBelt, Coulomb, Joint, wells
 from studies.questions import synthetic
 from toolbox import SceneError, compose, fit, simulate
 from toolbox.calibration import Recording
@@ -72,6 +72,20 @@ def test_a_log_whose_time_has_a_name_of_its_own_is_read_and_one_without_says_wha
         SceneError, match=r"`columns` must say which column is `time`, because no column of .* is called so: `Umdrehung`, `Stempel`\."
     ):
         Recording.of(data, RIG, {"bit.speed": "Umdrehung"})
+
+
+def test_headings_that_differ_by_capitals_alone_are_two_columns():
+    time = np.linspace(0.0, 1.0, 50)
+    data = {"t [s]": time, "T [N m]": np.sin(time), "n [rad/s]": np.cos(time), "speed [rad/s]": time, "SPEED [rad/s]": time}
+    columns = {"time": "t", "joint.torque": "T", "joint.speed": "n"}
+    for torque in ("T", "T [N m]"):
+        read = Recording.of(data, compose(Joint()), {**columns, "joint.torque": torque})
+        assert np.array_equal(read.signals["joint.torque"], np.sin(time)) and read.time[-1] == 1.0
+    assert Recording.of(data, compose(Joint()), {**columns, "joint.speed": "N"}).signals["joint.speed"][-1] == np.cos(1.0)
+    with pytest.raises(SceneError, match="must have `T`, but it is not there"):  # the time is no torque
+        Recording.of({name: data[name] for name in ("t [s]", "n [rad/s]")}, compose(Joint()), columns)
+    with pytest.raises(SceneError, match="differ from it by capitals alone"):
+        Recording.of(data, compose(Joint()), {**columns, "joint.speed": "Speed"})
 
 
 def test_samples_denser_than_asked_become_their_means():

@@ -12,6 +12,7 @@ from controllers import BrakeForce, HeldSpeed, groan_border
 from models import BrakeActuator, DiscBrake, Exponential, GaussianStribeck, StepFriction, Tabulated, Viscous
 from studies.questions import brake_check as own
 from studies.questions import brakes
+from tests.refusals import refusals
 from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, linearise, measure, simulate
 from toolbox.inputs import sine
 from toolbox.measuring import metrics
@@ -79,19 +80,14 @@ def test_an_exponential_law_has_its_border_in_one_piece():
     assert "exp(0.6 s/rad" in str(found)
 
 
-def test_what_has_no_border_is_refused_with_what_to_give():
-    with pytest.raises(SceneError, match="`border_speeds`"):
-        groan_border(brake(StepFriction()))
-    with pytest.raises(SceneError, match="does not fall"):
-        groan_border(brake(Tabulated(speeds=(0.0, 1.0), coefficients=(0.3, 0.4), static=0.4)))
-    with pytest.raises(SceneError, match="given together"):
-        BrakeForce(border_forces=(100.0,)).check()
-    with pytest.raises(SceneError, match="begin at 0"):
-        BrakeForce(border_speeds=(1.0, 2.0), border_forces=(100.0, 200.0)).check()
-    with pytest.raises(SceneError, match="one length"):
-        BrakeForce(border_speeds=(0.0, 2.0), border_forces=(100.0,)).check()
-    with pytest.raises(SceneError, match="`border_growth` is missing"):
-        BrakeForce(margin=0.8, border=500.0).design(brake())
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda: groan_border(brake(StepFriction())), "`border_speeds`"),
+    (lambda: groan_border(brake(Tabulated(speeds=(0.0, 1.0), coefficients=(0.3, 0.4), static=0.4))), "does not fall"),
+    (lambda: BrakeForce(border_forces=(100.0,)).check(), "given together"),
+    (lambda: BrakeForce(border_speeds=(1.0, 2.0), border_forces=(100.0, 200.0)).check(), "begin at 0"),
+    (lambda: BrakeForce(border_speeds=(0.0, 2.0), border_forces=(100.0,)).check(), "one length"),
+    (lambda: BrakeForce(margin=0.8, border=500.0).design(brake()), "`border_growth` is missing"),
+)  # fmt: skip
 
 
 # --- the laws take it

@@ -182,12 +182,10 @@ def test_towards_low_torques_stick_slip_does_not_end_in_smooth_running_but_stall
 @pytest.mark.slow
 def test_a_limit_of_the_motor_frees_a_bit_that_the_same_law_without_limit_keeps(stiff):
     limited = compose(wells.JANSEN_2, BitRock(), TopDrive(torque_limit=15_000.0))
-    guess = {"chain.speed": (9.95, 9.95), "drive.speed": 9.95}  # the limit hides the steady state from a search that begins at rest
-    found = onset(closed_loop(limited, StiffPI(reference=9.95)), "top.reference", (4.0, 13.0), guess=guess, num_values=5, tolerance=0.1)
+    # the steady state is behind the limit for a search that begins at rest
+    found = onset(closed_loop(limited, StiffPI(reference=9.95)), "top.reference", (4.0, 13.0), num_values=5, tolerance=0.1)
     assert found.hopf[0].value == pytest.approx(stiff.hopf[0].value, rel=1e-3)  # small swings never meet the limit
     assert found.end < stiff.end - 1.0
-    with pytest.raises(SceneError, match="no steady running"):
-        onset(closed_loop(limited, StiffPI()), "top.reference", (4.0, 12.0), num_values=3)
 
 
 def test_a_machine_without_falling_friction_is_free_everywhere():

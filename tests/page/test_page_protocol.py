@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models import BlockOnBelt
-from toolbox import Scene, closed_loop, compose, measure, simulate
+from tests.plants import BELT
+from toolbox import Scene, closed_loop, measure, simulate
 from toolbox.commands.command_line import main
 from toolbox.errors import SceneError
 from toolbox.messages import step_here
@@ -271,14 +271,13 @@ def test_lines_of_python_and_the_saved_run_are_the_same_run(page, tmp_path, monk
 
 
 def test_a_notebook_gets_a_frame_and_a_sentence_for_a_remote_one():
-    belt = compose(BlockOnBelt())
     with pytest.raises(SceneError, match="`duration` must be given"):
-        explore(closed_loop(belt))
-    with explore(belt, "20 s", port=0) as page:
+        explore(closed_loop(BELT))
+    with explore(BELT, "20 s", port=0) as page:
         assert f'<iframe src="{page.address}"' in page._repr_html_() and "ssh -L" in page._repr_html_() and page.address in str(page)
         found = run(page, "loop")
         assert found["verdict"] == "stick-slip" and found["element"] == "belt"
-        assert found["sticks"] == [[a, b] for a, b, mode in simulate(belt, 20.0).intervals("belt") if mode == "stick"]
+        assert found["sticks"] == [[a, b] for a, b, mode in simulate(BELT, 20.0).intervals("belt") if mode == "stick"]
         assert "scene" not in ask(page, "python", setting={"label": "loop", "changes": {"block.mass": 2.0}})["text"].lower()
         assert "BlockOnBelt" in ask(page, "save_scene", setting={"label": "loop"})["text"]
 

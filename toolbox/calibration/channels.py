@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -106,11 +106,16 @@ def _recorded(run: Trajectory | SavedRun, plant: HybridSystem | None) -> dict[st
 def chosen(source: Source, where: str, plant: HybridSystem, columns: Mapping[str, str] | None) -> dict[str, tuple[Column, str | None]]:
     """{signal, or "time": (its column, unit)}; raises SceneError for names that are not there."""
     known: dict[str, Column] = {}
+    spelled: dict[str, Column] = {}
     for column in source.columns:
         known.setdefault(_plain(column.name), column)
+        spelled.setdefault(column.name, column)
     for column in source.columns:  # brackets that hold an unknown unit are part of the name, which may be asked for without them
         if (match := re.fullmatch(r"(.+?)\s*[\[(]([^\[\]()]+)[\])]", column.name)) is not None:
-            known.setdefault(_plain(match[1]), Column(column.name, column.unit or match[2].strip(), column.cells, column.nulls))
+            bare = Column(column.name, column.unit or match[2].strip(), column.cells, column.nulls)
+            known.setdefault(_plain(match[1]), bare)
+            spelled.setdefault(match[1], bare)
+    labels = list((columns or {}).values())
     found: dict[str, tuple[Column, str | None]] = {}
     time = (columns or {}).get("time")
     if time is None:
@@ -121,9 +126,11 @@ def chosen(source: Source, where: str, plant: HybridSystem, columns: Mapping[str
             )
         found["time"] = (known[heading], known[heading].unit)
     else:
-        found["time"] = _looked_up(known, time, where, "s")
+        found["time"] = _looked_up(spelled, time, where, "s", labels)
     others = {
-        name: _looked_up(known, heading, where, plant.signal_unit(name)) for name, heading in (columns or {}).items() if name != "time"
+        name: _looked_up(spelled, heading, where, plant.signal_unit(name), labels)
+        for name, heading in (columns or {}).items()
+        if name != "time"
     }
     found["time"] = _with_dates(source, *found["time"], {column.name for column, _ in others.values()})
     if columns is not None:
@@ -193,10 +200,31 @@ def _listed(source: Source) -> str:
     return joined(column.name for column in source.columns)
 
 
-def _looked_up(known: Mapping[str, Column], label: str, where: str, wanted: str) -> tuple[Column, str | None]:
-    """(column, its unit) of a label; a unit in the label counts where the heading has none that fits to the signal."""
-    name, unit = (label, None) if _plain(label) in known else named(label)
-    column = known.get(_plain(name))
+def heading_for(label: str, headings: Sequence[str], labels: Sequence[str]) -> str | None:
+    """Return the heading that a label means: the same text, or else the same but for capitals, unless another label has that text; None if there is none.
+
+    `t` and `T` beside each other are two columns. A label may have a unit behind the heading. Raises SceneError if several headings differ from the label by
+    capitals alone.
+    """
+    texts = {" ".join(heading.split()): heading for heading in reversed(headings)}
+    others = {" ".join(text.split()) for each in labels for text in (each, named(each)[0])}
+    for name in dict.fromkeys([" ".join(label.split()), named(label)[0]]):
+        if name in texts:
+            return texts[name]
+        found = [text for text in texts if text.casefold() == name.casefold() and text not in others]
+        if len(found) > 1:
+            raise SceneError(f"`{label}` must be spelled as the heading of a column, but {joined(found)} differ from it by capitals alone.")
+        if found:
+            return texts[found[0]]
+    return None
+
+
+def _looked_up(known: Mapping[str, Column], label: str, where: str, wanted: str, labels: Sequence[str]) -> tuple[Column, str | None]:
+    """(column, its unit) of a label among all labels; a unit in the label counts where the heading has none that fits to the signal."""
+    heading = heading_for(label, list(known), labels)
+    whole = heading is not None and _plain(heading) == _plain(label)
+    name, unit = (label, None) if whole else named(label)
+    column = None if heading is None else known[heading]
     if column is None:
         raise SceneError(f"{where} must have `{name}`, but it is not there: {suggest(name, [each.name for each in known.values()])}")
     if unit is not None and column.unit is not None and not is_format(unit) and digits_of(unit) is None:

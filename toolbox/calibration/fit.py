@@ -166,7 +166,10 @@ def fit(
     def searched(misfit: Any, lowest: np.ndarray, highest: np.ndarray, first: np.ndarray, starts: int) -> Fit:
         numbers = misfit.numbers
         labels, units = tuple(number.name for number in numbers), tuple(number.unit for number in numbers)
-        return LeastSquares(misfit, labels, units, first, lowest, highest, noise, search.robust, starts, search.seed, confidence).fit()
+        limits = lowest, highest
+        return LeastSquares(
+            misfit, labels, units, first, *limits, noise, search.robust, starts, search.seed, confidence, search.growing
+        ).fit()
 
     misfit, lowest, highest = misfit_of(recording)
     found = searched(misfit, lowest, highest, np.array([number.value for number in misfit.numbers]), search.starts)

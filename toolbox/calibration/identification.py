@@ -14,20 +14,22 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from toolbox.calibration.channels import TIMES, source_of
+from toolbox.calibration.channels import TIMES, heading_for, source_of
 from toolbox.calibration.fit import fit
 from toolbox.calibration.holds import EVIDENCE, fitted_evidence
 from toolbox.calibration.identified import Identification, drag_unit, fitted_part, friction_over_speed, with_derived
-from toolbox.calibration.motion import Run, first_guess, friction_points, runs_of, together
+from toolbox.calibration.motion import Guess, Run, first_guess, friction_points, is_one_speed, runs_of, together
 from toolbox.calibration.recording import Recording, read_channels
 from toolbox.calibration.results import Fit
-from toolbox.calibration.windows import MeasuredContact, Search, Window
-from toolbox.errors import SceneError, SimulationError, Unidentifiable
+from toolbox.calibration.windows import MeasuredContact, Search, Window, own_name
+from toolbox.errors import SceneError, SimulationError, Unidentifiable, joined
 from toolbox.logs.grids import Column
+from toolbox.messages import LOG, progress_bar
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.laws import names as names_of
@@ -39,6 +41,12 @@ EVERY_KIND = ("clipped", "drop-out", "reversed", "outlier")
 
 SEARCHES = 6
 """Searches that follow one that ended at friction above every measured force."""
+
+NOTHING = 0.1
+"""Part of the first guess of friction, at least, at which the search for a richer law begins: none begins at a bound."""
+
+SLOW = 3.0
+"""Time [s] after which an identification says what it fits."""
 
 EXPERIMENTS = {
     "static": "raise the force slowly from rest until it moves, several times each way",
@@ -61,7 +69,7 @@ def identify(
     data: Any,
     plant: Any = "Axis",
     *,
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str | Sequence[str]] | None = None,
     fixed: str | Sequence[str] = (),
     delayed_signals: str | Sequence[str] = (),
     friction: Any = None,
@@ -81,7 +89,9 @@ def identify(
         "Axis" (m, N) or "Joint" (rad, N m) of `models`, or such a part with other numbers, at which the search begins.
     columns
         {signal: column} for all recordings, such as {"time": "t", "axis.position": "pos [mm]", "axis.force": "F [N]"}.
-        A column that a recording does not have is left out. By default columns have the names of signals.
+        If recordings have different headings, give several, such as {"axis.force": ("F [N]", "Kraft [N]")}: of each
+        recording the first that it has counts. A signal that a recording does not have is left out, and a force that it
+        does not have is 0. By default columns have the names of signals.
     fixed
         Names of numbers of the part that keep the value of `plant`, such as "axis.mass".
     delayed_signals
@@ -145,20 +155,32 @@ def identify(
     return dataclasses.replace(
         found,
         display_units=with_derived({**found.display_units, **units}, *found.curve_units),
-        recordings=tuple(str(recording) for recording, _ in read),
+        recordings=tuple(_described(recording, part) for recording, _ in read),
     )
 
 
-def _read(data: Any, system: Any, part: Any, columns: Mapping[str, str] | None, keep: Sequence[str]) -> tuple[Recording, bool]:
+def _described(recording: Recording, part: Any) -> str:
+    """The description of a recording, with a sentence if no force was measured."""
+    force, steady = (f"{part.signal_prefix}.{name}" for name in (part.force_name, "resistance"))
+    without = f"\n  it has no `{force}`, which counts as 0 in it"
+    return f"{recording}{'' if force in recording.signals or steady in recording.signals else without}"
+
+
+def _read(
+    data: Any, system: Any, part: Any, columns: Mapping[str, str | Sequence[str]] | None, keep: Sequence[str]
+) -> tuple[Recording, bool]:
     """(recording, whether it holds steady points). Of the columns that are named those count that the recording has."""
     if isinstance(data, Recording):
         return data, False
-    source, where, name = source_of(data, system, columns, None)
-    heads = {" ".join(column.name.split()).casefold() for column in source.columns}
-    there = {
-        signal: label for signal, label in (columns or {}).items()
-        if any(head == label.casefold() or label.casefold().startswith(f"{head} [") for head in heads)
-    }  # fmt: skip
+    typed = {signal: names_of(labels) for signal, labels in (columns or {}).items()}
+    source, where, name = source_of(data, system, {signal: labels[0] for signal, labels in typed.items()} or None, None)
+    headings = [column.name for column in source.columns]
+    heads = {" ".join(each.split()).casefold() for each in headings}
+    labels = [label for own in typed.values() for label in own]
+    found = {signal: [label for label in own if heading_for(label, headings, labels) is not None] for signal, own in typed.items()}
+    there = {signal: own[0] for signal, own in found.items() if own}
+    if typed and not there:
+        raise SceneError(f"{where} must have a column that `columns` names, but it has {joined(headings)}.")
     timed = "time" in there or source.index is not None or any(each in heads for each in TIMES)
     if timed:
         return read_channels((source, where, name), system, there or None if columns else None, (), keep), False
@@ -178,21 +200,34 @@ class _Work:
 
     def __init__(self, part: Any):
         self.part = part
+        self.body_lost = False  # whether a fit showed that the data do not tell the mass
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str]) -> Fit:
-        """The fit of a part with all numbers free that are not fixed; `untold` gets a sentence for each that the data do not tell."""
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None) -> Fit:
+        """The fit of a part with all numbers free that are not fixed; `untold` gets a sentence for each that the data do not tell.
+
+        near: the fit of a simpler law, which tells where runs begin and which inputs are held.
+        """
+        raise NotImplementedError
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
         raise NotImplementedError
 
     def both_ways(self) -> bool:
         """Whether there is motion in both directions."""
         raise NotImplementedError
 
+    def untold_body(self, about: Guess) -> str:
+        """Why the data do not tell the mass, and which experiment would."""
+        raise NotImplementedError
+
     def points(self, found: Fit) -> np.ndarray:
         """Friction in the data."""
         raise NotImplementedError
 
-    def guess(self) -> dict[str, float]:
-        """Mass, level, viscous and offset, about."""
+    def guess(self, free: bool, offset: bool, directions: bool) -> Guess:
+        """Return numbers at which a search begins: whether the mass, a constant force, and friction each way are looked for."""
         raise NotImplementedError
 
     def evidence(self, simple: Fit, rich: Fit) -> float:
@@ -201,13 +236,17 @@ class _Work:
 
     def simplest(self, friction: Any, directions: bool, fixed: Sequence[str], confidence: float) -> Identification:
         """The simplest law that the data do not contradict, with its curve."""
-        about, part, untold = self.guess(), self.part, dict[str, str]()
-        start = {part.body_field: about["mass"]} if f"{part.signal_prefix}.{part.body_field}" not in fixed else {}
-        if f"{part.signal_prefix}.{part.offset_field}" not in fixed:
-            start[part.offset_field] = 0.0 if directions or not self.both_ways() else about["offset"]
+        part, untold, given = self.part, dict[str, str](), fixed
+        body, constant = (f"{part.signal_prefix}.{name}" for name in (part.body_field, part.offset_field))
+        about = self.guess(body not in fixed, constant not in fixed and self.both_ways() and not directions, directions)
+        start = {part.body_field: about.mass} if body not in fixed else {}
+        if not about.told and body not in fixed:
+            fixed, untold[body] = [*fixed, body], self.untold_body(about)
+        if constant not in fixed:
+            start[part.offset_field] = 0.0 if directions or not self.both_ways() else about.offset
         if directions or not self.both_ways():
-            fixed = [*fixed, f"{part.signal_prefix}.{part.offset_field}"]
-            untold[f"{part.signal_prefix}.{part.offset_field}"] = (
+            fixed = [*fixed, constant]
+            untold[constant] = (
                 "a constant force beside friction cannot be told from friction that differs by direction; it is part of that here" if self.both_ways()
                 else f"it cannot be told from friction in motion one way; it is part of that here. To tell it, {EXPERIMENTS[part.offset_field]}."
             )  # fmt: skip
@@ -215,26 +254,52 @@ class _Work:
         viscous, one, coulomb, stribeck, two = (
             offered(name) for name in ("Viscous", "Hyperbolic", "Coulomb", "GaussianStribeck", "TwoWay")
         )
-        level, slope = about["level"], about["viscous"]
 
-        def law(dry: Any) -> Any:
-            return two(viscous(dry, slope), viscous(dry, slope)) if directions else viscous(dry, slope)
+        def law(dry: Callable[[float], Any], near: Fit | None) -> Any:
+            """A law with this dry friction, which begins at the fit of the simpler law."""
+            sides = [viscous(dry(level), slope) for level, slope in _levels(near, about)]
+            return two(*sides) if directions and len(sides) > 1 else two(sides[0], sides[0]) if directions else sides[0]
 
-        dry = one(level, 0.0), coulomb(1.05 * level, level), stribeck(1.6 * level, level, about["speed"])
-        laws = [law(each) for each in dry] if friction is None else [friction]
-        best, best_untold = None, dict[str, str]()
-        for each in laws:
-            own = dict[str, str]()
-            try:
-                found = self.fitted(dataclasses.replace(part, friction=each), fixed, confidence, own)
-            except (SceneError, SimulationError):
-                if best is None:
-                    raise
-                found = None
-            if found is not None and (best is None or self.evidence(best, found) > EVIDENCE + (found.values.size - best.values.size)):
-                best, best_untold = found, own
-            if best is not None and best.white:
-                break  # nothing is left that a richer law could explain
+        dry = {
+            "dry and viscous friction": lambda level: one(level, 0.0),
+            "static friction above kinetic friction": lambda level: coulomb(1.05 * level, level),
+            "a Stribeck curve": lambda level: stribeck(1.6 * level, level, about.speed),
+        }
+        laws = list(dry)[:1] if about.one_speed or friction is not None else list(dry)
+        if about.one_speed and friction is None:
+            alike = [
+                name
+                for name in compose(dataclasses.replace(part, friction=law(dry[laws[0]], None))).parameters
+                if name.endswith(".viscous")
+            ]
+            fixed = [*fixed, *alike]
+            untold |= dict.fromkeys(
+                alike, f"all motion is at one speed, so all friction is dry here. To tell it, {EXPERIMENTS['viscous']}."
+            )
+        best, best_untold, began = None, dict[str, str](), perf_counter()
+        with progress_bar(len(laws), "identify", unit="law") as bar:
+            for each in laws:
+                bar.set_postfix_str(each)
+                if (seconds := perf_counter() - began) > SLOW:
+                    LOG.info("identify: %d samples, after %.0f s: %s is fitted ...", self.samples, seconds, each)
+                own = dict[str, str]()
+                given_law = law(dry[each], best) if friction is None else friction
+                try:
+                    found = self.fitted(dataclasses.replace(part, friction=given_law, **_body_of(part, best)), fixed, confidence, own, best)
+                except (SceneError, SimulationError):
+                    if best is None:
+                        raise
+                    found = None
+                if found is not None and body in found.names and _holds_nothing(found, body):
+                    self.body_lost = True
+                    break
+                if found is not None and (best is None or self.evidence(best, found) > EVIDENCE + (found.values.size - best.values.size)):
+                    best, best_untold = found, own
+                if best is not None and best.white:
+                    break  # nothing is left that a richer law could explain
+                bar.update()
+        if self.body_lost and body not in fixed:
+            return self.simplest(friction, directions, given, confidence)
         assert best is not None
         return self._result(best, {**untold, **best_untold})
 
@@ -299,18 +364,26 @@ class _Steady(_Work):
         }
         self.speed, self.force = self.data.values()
 
+    @property
+    def samples(self) -> int:
+        return int(self.speed.size)
+
     def both_ways(self) -> bool:
         return bool((self.speed > 0).any() and (self.speed < 0).any())
 
-    def guess(self) -> dict[str, float]:
+    def guess(self, free: bool, offset: bool, directions: bool) -> Guess:
         side = np.sign(self.speed)
-        basis = np.stack([side, self.speed, *([np.ones(side.size)] if self.both_ways() else [])], axis=1)
-        level, slope, *offset = np.linalg.lstsq(basis, self.force, rcond=None)[0].tolist()
+        basis = np.stack([side, (not is_one_speed(self.speed)) * self.speed, *([np.ones(side.size)] if self.both_ways() else [])], axis=1)
+        level, slope, *constant = np.linalg.lstsq(basis, self.force, rcond=None)[0].tolist()
         size = float(np.abs(self.force).max())
         slow = float(np.quantile(np.abs(self.speed), 0.2))
-        return {"mass": getattr(self.part, self.part.body_field), "level": max(level, 0.1 * size),
-                "viscous": max(slope, 0.01 * size / np.abs(self.speed).max()),
-                "offset": offset[0] if offset else 0.0, "speed": slow}  # fmt: skip
+        one_speed = is_one_speed(self.speed)
+        viscous = 0.0 if one_speed else max(slope, 0.01 * size / float(np.abs(self.speed).max()))
+        body = getattr(self.part, self.part.body_field)
+        return Guess(body, max(level, 0.1 * size), viscous, constant[0] if constant else 0.0, slow, told=False, one_speed=one_speed)
+
+    def untold_body(self, about: Guess) -> str:
+        return f"steady speeds do not depend on it. To tell it, {EXPERIMENTS[self.part.body_field]}."
 
     def evidence(self, simple: Fit, rich: Fit) -> float:
         """By how much the log-likelihood of the richer law is greater: each point is a measurement of its own, so neighbours count in full."""
@@ -318,11 +391,8 @@ class _Steady(_Work):
         powers = [max(each.residuals[0].rms, least) for each in (simple, rich)]
         return self.force.size * math.log(powers[0] / powers[1])
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str]) -> Fit:
-        body = f"{part.signal_prefix}.{part.body_field}"
-        free = [name for name in self._asked(part, fixed) if name != body]
-        if body not in fixed:
-            untold[body] = f"steady speeds do not depend on it. To tell it, {EXPERIMENTS[part.body_field]}."
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None) -> Fit:
+        free = [name for name in self._asked(part, fixed) if name != f"{part.signal_prefix}.{part.body_field}"]
         data = {"time": np.arange(self.speed.size, dtype=float), **self.data}
         recording = Recording.of(data, compose(part), accepted_flaws=EVERY_KIND)
         still = 0.5 * float(np.abs(self.speed[self.speed != 0.0]).min())
@@ -351,51 +421,101 @@ class _Moving(_Work):
         self.runs: list[Run] = [run for recording in recordings for run in runs_of(recording, part)]
         self.recording, self.begins = together(self.runs, part)
 
+    @property
+    def samples(self) -> int:
+        return int(self.recording.time.size)
+
     def both_ways(self) -> bool:
         top = max(float(np.abs(run.speed).max()) for run in self.runs)
         return any((run.speed > 0.1 * top).any() for run in self.runs) and any((run.speed < -0.1 * top).any() for run in self.runs)
 
-    def guess(self) -> dict[str, float]:
-        return first_guess(self.runs, getattr(self.part, self.part.body_field), self.both_ways())
+    def guess(self, free: bool, offset: bool, directions: bool) -> Guess:
+        body = getattr(self.part, self.part.body_field)
+        return first_guess(self.runs, body, free=free, seen=not self.body_lost, offset=offset, directions=directions)
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str]) -> Fit:
-        free, body = self._asked(part, fixed), f"{part.signal_prefix}.{part.body_field}"
-        if body in free and not any(run.driven for run in self.runs):
-            free.remove(body)
-            untold[body] = (
-                f"without a measured force only friction over {part.body_field} is told, so it stays at {getattr(part, part.body_field):g}. "
-                f"To tell it, {EXPERIMENTS[part.body_field]}."
-            )
+    def untold_body(self, about: Guess) -> str:
+        part = self.part
+        unit = next(each.metadata["unit"] for each in dataclasses.fields(part) if each.name == part.body_field)
+        at = f"so it stays at {about.mass:.4g} {unit}, and all friction is in proportion to it."
+        if any(run.force.any() for run in self.runs):
+            most = f" (it is at most {about.most:.4g} {unit}, at which no dry friction is left)" if math.isfinite(about.most) else ""
+            at = f"so it stays at {about.mass:.4g} {unit}{most}. The difference of friction from this {part.force_name} is in proportion to it."
+            why = f"the {part.force_name} changes no more than friction does while it moves"
+        else:
+            why = f"no {part.force_name} acts"
+        return f"{why}, which tells only friction over {part.body_field}, {at} To tell it, {EXPERIMENTS[part.body_field]}."
+
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None) -> Fit:
+        free = self._asked(part, fixed)
+        before = {} if near is None else dict(zip(near.names, near.values.tolist(), strict=True))
         windows = [
-            Window(begin, begin + run.span, own=list(run.starts), start=run.starts)
-            for run, begin in zip(self.runs, self.begins, strict=True)
+            Window(
+                begin,
+                begin + run.span,
+                own=list(run.starts),
+                start={name: before.get(own_name(name, i), value) for name, value in run.starts.items()},
+            )
+            for i, (run, begin) in enumerate(zip(self.runs, self.begins, strict=True), 1)
         ]
+        held = tuple(near.held) if near is not None and near.held else self.held
         starts = list(dict.fromkeys(name for run in self.runs for name in run.starts))
-        return _told(
+        found = _told(
             part,
             self.recording,
             [*free, *starts, *self.shifts],
             untold,
             self._rests,
             window=windows,
-            starts=Search(1),
+            starts=Search(1, growing=near is None),
             confidence=confidence,
-            zero_order_hold=self.held,
+            zero_order_hold=held,
         )
+        return found if near is None or not near.held else dataclasses.replace(found, held=near.held)
 
     def _rests(self, values: Mapping[str, float]) -> bool:
         """Whether no measured force would move the body as it moved, both ways or one: a search finds no slope that leads back from there."""
         offset = values.get(f"{self.part.signal_prefix}.{self.part.offset_field}", 0.0)
         bounds = [value for name, value in values.items() if name.endswith(".static")]
-        forces = [run.force - offset for run in self.runs if run.driven]
-        if not (bounds and forces):
-            return False
-        tops = max(float(force.max()) for force in forces), max(float(-force.min()) for force in forces)
-        return min(bounds) >= (min(tops) if self.both_ways() else max(tops))
+        tops = [float((way * (run.force - offset)).max()) for run in self.runs for way in run.departures]
+        return bool(bounds and tops) and min(bounds) >= min(tops)
 
     def points(self, found: Fit) -> np.ndarray:
         fitted = fitted_part(found)
         return friction_points(self.runs, float(getattr(fitted, fitted.body_field)), float(getattr(fitted, fitted.offset_field)))
+
+
+def _levels(near: Fit | None, about: Guess) -> list[tuple[float, float]]:
+    """Dry and viscous friction at which a search begins, each way if the simpler law has them each way."""
+    if near is None:
+        return [(about.level, about.viscous)]
+    found, levels = near.parameters, []
+    for name in found:
+        if name.endswith(".static"):
+            head = name.removesuffix("static")
+            slope = found.get(f"{head.removesuffix('dry.')}viscous", 0.0)
+            level = found.get(f"{head}kinetic", found[name])
+            levels.append((max(level, NOTHING * about.level), max(slope, NOTHING * about.viscous)))
+    return levels or [(about.level, about.viscous)]
+
+
+def _body_of(part: Any, near: Fit | None) -> dict[str, float]:
+    """Mass and constant force of the fit of a simpler law; empty without one."""
+    found = {} if near is None else near.parameters
+    fields = {name: f"{part.signal_prefix}.{name}" for name in (part.body_field, part.offset_field)}
+    return {name: found[full] for name, full in fields.items() if full in found}
+
+
+def _start_of(part: Any, name: str) -> str:
+    """The number of a part from which it is looked for, with its unit."""
+    system = compose(part)
+    entry = system.parameters.get(name)
+    return "its start" if entry is None else f"{float(system.values[entry.offset]):.4g} {entry.unit}"
+
+
+def _holds_nothing(found: Fit, name: str) -> bool:
+    """Whether the interval of a number that is above zero holds zero, or means nothing."""
+    place = found.names.index(name)
+    return name in found.at_bounds or not found.interval_factor * found.standard_errors[place] < found.values[place]
 
 
 def _released(part: Any, found: Fit, silent: Sequence[str]) -> Any:
@@ -460,7 +580,7 @@ def _told(
             plain = [name.partition("[")[0] for name in error.names if name.partition("[")[0] in free]
             order = [
                 name
-                for word in ("force_offset", "torque_offset", "static", "stribeck_speed", "viscous", "shift")
+                for word in ("mass", "inertia", "force_offset", "torque_offset", "static", "stribeck_speed", "viscous", "shift")
                 for name in plain
                 if name.endswith(f".{word}")
             ]
@@ -475,7 +595,7 @@ def _told(
                         if error.mute
                         else f"it is not told apart from {', '.join(n for n in plain if n != name)}"
                     )
-                    untold[name] = f"{why}; it stays at its start. To tell it, {EXPERIMENTS[word]}."
+                    untold[name] = f"{why}; it stays at {_start_of(part, name)}. To tell it, {EXPERIMENTS[word]}."
                 free.remove(name)
                 if windows:
                     options["window"] = windows = [

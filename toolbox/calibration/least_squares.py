@@ -25,6 +25,9 @@ SINGULAR = 1e-6
 MUTE = 1e-9
 """Change of the residuals, in parts of the signals, below which a number has no influence: for a change by its own size."""
 
+NOTHING = 1e-100
+"""Slope of the residuals, in parts of the noise and for a change of a number by its own size, that is no slope: the search scales a number by it, and what it
+divides by the square of less overflows."""
 
 FEW = 0.05
 """Part of a signal, at most, that may break its law: where more does, the law is wrong, and all samples count."""
@@ -67,6 +70,7 @@ class LeastSquares:
     starts: int
     seed: int
     confidence: float
+    growing: bool = True
     weights: dict[str, np.ndarray] = field(default_factory=dict, init=False)
 
     def fit(self) -> Fit:
@@ -284,14 +288,13 @@ class LeastSquares:
         found: list[Any] = []
         reason: Exception | None = None
         evaluations = itertools.count(1)
+        parts = trial.horizons() if self.growing else [trial]
         with progress_bar(self.starts, "fit", unit="start") as bar:
             for begin in self._begins():
                 if len(found) == self.starts:
                     break
                 try:
-                    found.append(
-                        self._descend(begin, scales, trial.horizons(), lambda: bar.set_postfix_str(f"{next(evaluations)} evaluations"))
-                    )
+                    found.append(self._descend(begin, scales, parts, lambda: bar.set_postfix_str(f"{next(evaluations)} evaluations")))
                     bar.update()
                 except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
                     reason = reason or error
@@ -343,7 +346,7 @@ class LeastSquares:
         size = self._size(self.first)
         values = begin
         for misfit in horizons:
-            misfit.model(values)  # raises the error that says why these numbers cannot be simulated
+            values = self._nearer(misfit, values, begin, scales)
             ways, low, high = self._rising(values) if not misfit.by_samples else (np.eye(values.size), self.low, self.high)
             back = np.linalg.inv(ways)
 
@@ -351,6 +354,7 @@ class LeastSquares:
                 at = ways @ (q * size)
                 found = misfit.slopes(at, self._size(at))
                 row = np.concatenate([_product(found[name] / scales[name], ways * size) for name in misfit.outputs])
+                row[:, np.abs(row).max(axis=0) < NOTHING] = 0.0
                 return self._heard(row) if misfit is self.misfit else row
 
             def left(q: np.ndarray, misfit: Any = misfit, ways: np.ndarray = ways) -> np.ndarray:
@@ -372,6 +376,19 @@ class LeastSquares:
             values = np.clip(ways @ (found.x * size), self.low, self.high)
         found.x = values
         return found
+
+    def _nearer(self, misfit: Any, values: np.ndarray, begin: np.ndarray, scales: Mapping[str, float]) -> np.ndarray:
+        """The numbers at which a search goes on: those of the shorter data, unless its begin is nearer to the longer data, of which the shorter ones did not
+        tell all. Raises the error that says why the begin cannot be simulated.
+        """
+        if values is begin:
+            misfit.model(values)
+            return values
+        costs = [float(np.nansum(row**2)) if np.isfinite(row).all() else math.inf for row in
+                 (residuals(misfit, each, scales) for each in (values, begin))]  # fmt: skip
+        if not math.isfinite(min(costs)):
+            misfit.model(values)
+        return values if costs[0] <= costs[1] else begin
 
     def _rising(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the directions of a search by simulation, and its bounds: static friction as kinetic friction and what it is above that, at least 0.

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,19 +19,37 @@ SMOOTH = 0.01
 SLOW = 0.05
 """Part of the largest speed below which friction is not looked at: it may be rest."""
 
+DIGITS = 1e-12
+"""Noise of samples, at least, as a fraction of the largest: their last digits."""
+
+STILL = 5.0
+"""Speed, in deviations of its noise, up to which a body counts as at rest."""
+
+STEADY = 0.02
+"""Deviation of the speed, as a fraction of its mean, below which it is one speed."""
+
 REST = 5
 """Samples at the begin of a run that are equal if it begins at rest."""
 
 BINS = 80
 """Points of friction in a picture, at most."""
 
+SHARE = 1e-6
+"""Part of the impulse of a force, at most, that friction cannot explain where the force does not tell the mass."""
+
+CLEAR = 9.0
+"""F-value from which on the impulse of the force is seen in the speed: three deviations."""
+
+NEAR = 0.98
+"""Part of its largest value up to which a mass that the data do not tell may be held."""
+
 
 @dataclass(frozen=True)
 class Run:
     """A stretch of a recording without a gap.
 
-    recording: its samples, from time 0;  time, speed, acceleration, force: smoothed motion and measured force, shapes (n,);  driven: whether the force was
-    measured;  starts: {state: value at the begin}.
+    recording: its samples, from time 0;  time, speed, acceleration, force: smoothed motion and measured force, shapes (n,), with force 0 where none was
+    measured;  starts: {state: value at the begin};  noise: deviation of the smoothed speed.
     """
 
     recording: Recording
@@ -37,23 +57,75 @@ class Run:
     speed: np.ndarray
     acceleration: np.ndarray
     force: np.ndarray
-    driven: bool
     starts: dict[str, float]
+    noise: float
 
     @property
     def span(self) -> float:
         """Duration [s]."""
         return float(self.recording.time[-1])
 
+    @cached_property
+    def stretches(self) -> list[slice]:
+        """Samples during which the body moves, without pauses, away from the ends of the run."""
+        edges = np.flatnonzero(np.diff(_moving(self).astype(int), prepend=0, append=0))
+        return [slice(begin, end) for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True) if end - begin > 3]
+
+    @property
+    def departures(self) -> set[float]:
+        """Directions in which the body leaves rest, or turns round: the force overcomes static friction there."""
+        ways = [float(np.sign(self.speed[each].mean())) for each in self.stretches]
+        before = [ways[0] if self.stretches[0].start == _edge(self) else 0.0, *ways[:-1]] if ways else []
+        return {way for way, last in zip(ways, before, strict=True) if way != last}
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Numbers at which a search begins.
+
+    mass, level, viscous, offset: mass or inertia, dry and viscous friction, and constant force;  speed: a Stribeck speed;  told: whether the data tell the
+    mass;  most: the largest mass with which friction is not negative, where they do not;  one_speed: whether all motion is at one speed.
+    """
+
+    mass: float
+    level: float
+    viscous: float
+    offset: float
+    speed: float
+    told: bool = True
+    most: float = math.inf
+    one_speed: bool = False
+
+
+def _width(samples: int) -> int:
+    """Samples of a run over which a polynomial is laid."""
+    return min(max(7, 2 * round(0.5 * SMOOTH * samples) + 1), 2 * ((samples - 1) // 2) + 1)
+
 
 def _derivative(time: np.ndarray, values: np.ndarray, order: int) -> np.ndarray:
     """Derivative of samples by cubic polynomials around each, at even times."""
     from scipy.signal import savgol_filter  # here, because it is slow to import
 
-    step = (time[-1] - time[0]) / (time.size - 1)
-    width = min(max(7, 2 * round(0.5 * SMOOTH * time.size) + 1), 2 * ((time.size - 1) // 2) + 1)
+    step, width = (time[-1] - time[0]) / (time.size - 1), _width(time.size)
     found: np.ndarray = savgol_filter(values, width, min(3, width - 1), deriv=order, delta=step)
     return found
+
+
+def _weights(time: np.ndarray, order: int) -> np.ndarray:
+    """Weights of the samples in such a derivative."""
+    from scipy.signal import savgol_coeffs  # here, because it is slow to import
+
+    step, width = (time[-1] - time[0]) / (time.size - 1), _width(time.size)
+    found: np.ndarray = savgol_coeffs(width, min(3, width - 1), deriv=order, delta=step)
+    return found
+
+
+def _noise(values: np.ndarray) -> float:
+    """Deviation of the noise of samples, by what two neighbours do not say of a sample, and by their smallest step."""
+    changes = np.abs(np.diff(values))
+    step = float(changes[changes > 0.0].min(initial=math.inf))
+    scatter = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
+    return max(scatter, step / math.sqrt(12.0) if math.isfinite(step) else 0.0, DIGITS * float(np.abs(values).max()))
 
 
 def runs_of(recording: Recording, part: Any) -> list[Run]:
@@ -87,7 +159,8 @@ def runs_of(recording: Recording, part: Any) -> list[Run]:
         if part.has_speed_filter:
             starts[filtered] = float(values[0])
         drive = np.interp(even, time, own.signals[force][good]) if driven else np.zeros(even.size)
-        found.append(Run(own, even, v, a, drive, driven, starts))
+        noise = _noise(own.signals[seen][good]) * float(np.linalg.norm(_weights(even, shift)))
+        found.append(Run(own, even, v, a, drive, starts, noise))
     if not found:
         raise SceneError(f"The data of {recording.source} must hold a stretch of ten samples without a gap, but there is none.")
     return found
@@ -119,34 +192,109 @@ def together(runs: Sequence[Run], part: Any) -> tuple[Recording, list[float]]:
     return Recording(time, signals, sources, first.units, held=held, display_units=first.display_units), begins
 
 
+def _edge(run: Run) -> int:
+    """Samples at each end of a run whose smoothed motion is not looked at."""
+    return max(2, round(0.5 * SMOOTH * run.time.size))
+
+
 def _moving(run: Run) -> np.ndarray:
     """Where a run moves, away from its ends."""
-    moves: np.ndarray = np.abs(run.speed) > SLOW * float(np.abs(run.speed).max(initial=0.0))
-    edge = max(2, round(0.5 * SMOOTH * moves.size))
-    moves[:edge] = moves[-edge:] = False
+    moves: np.ndarray = np.abs(run.speed) > max(SLOW * float(np.abs(run.speed).max(initial=0.0)), STILL * run.noise)
+    moves[: _edge(run)] = moves[-_edge(run) :] = False
     return moves
 
 
-def first_guess(runs: Sequence[Run], body: float, both_ways: bool) -> dict[str, float]:
-    """Mass, level and slope of friction, and offset, by linear regression of the force; the mass is `body` where no force was measured."""
-    rows, targets = [], []
-    driven = any(run.driven for run in runs)
+def first_guess(runs: Sequence[Run], body: float, *, free: bool, seen: bool, offset: bool, directions: bool) -> Guess:
+    """Return numbers at which a search begins, by linear regression, and whether the data tell the mass.
+
+        v - v_0 = (I_F - level I_sign - viscous I_v - offset I_1) / m            I: impulses since the begin of each stretch of motion
+
+    The impulse of the force is needed for the mass: where it is a sum of those of friction, as for no force or a constant one, any mass goes with friction in
+    proportion. Then the mass is held at `body`, or at half its largest value, if friction would be negative with `body`.
+
+    Parameters
+    ----------
+    runs
+        The runs.
+    body
+        The mass that the part declares.
+    free
+        Whether the mass is looked for.
+    seen
+        Whether the mass may be told; False after a fit that did not tell it.
+    offset
+        Whether a constant force is looked for.
+    directions
+        Whether friction is looked for each way by itself.
+    """
+    speeds, forces, rows, shapes, own = [], [], [], [], 0.0
+    top = max(float(np.abs(run.speed).max()) for run in runs)
     for run in runs:
-        there = _moving(run)
-        v, a = run.speed[there], run.acceleration[there]
-        inertia = a if driven else np.zeros(v.size)
-        rows.append(np.stack([inertia, np.sign(v), v, np.ones(v.size) if both_ways else np.zeros(v.size)], axis=1))
-        targets.append(run.force[there] - (0.0 if driven else body * a))
-    basis, force = np.concatenate(rows), np.concatenate(targets)
-    mass, level, slope, offset = np.linalg.lstsq(basis, force, rcond=None)[0].tolist()
-    size, top = float(np.abs(force).max(initial=1e-9)), max(float(np.abs(run.speed).max()) for run in runs)
-    return {
-        "mass": mass if driven and mass > 0.0 else body,
-        "level": max(level, 0.02 * size),
-        "viscous": max(slope, 1e-3 * size / top),
-        "offset": offset,
-        "speed": 0.1 * top,
-    }
+        for part in run.stretches:
+            own += (part.stop - part.start) / _width(run.time.size)
+            v, side = run.speed[part], np.sign(run.speed[part])
+            fall = side * np.exp(-((v / (0.1 * top)) ** 2))
+            columns = [side, v, *([np.ones(v.size)] if offset or directions else []), *([np.abs(v)] if directions else []), fall]
+            impulses = [_centred(_impulse(run.time[part], each)) for each in (run.force[part], *columns)]
+            speeds.append(_centred(v))
+            forces.append(impulses[0])
+            rows.append(np.stack(impulses[1:-1], axis=1))
+            shapes.append(np.stack(impulses[1:], axis=1))
+    if not speeds:
+        raise SceneError(f"The data of {runs[0].recording.source} must hold motion, but there is none: raise the force until it moves.")
+    speed, force, basis, shape = (np.concatenate(each) for each in (speeds, forces, rows, shapes))
+    one_speed = is_one_speed(np.concatenate([run.speed[part] for run in runs for part in run.stretches]))
+    if one_speed:
+        basis[:, 1] = 0.0
+    told = free and seen and _seen(speed, force, shape, own)
+    if told:
+        inverse, *rest = np.linalg.lstsq(np.column_stack([force, -basis]), speed, rcond=None)[0].tolist()
+        told = inverse > 0.0
+    most, mass = math.inf, body
+    if told:
+        mass = 1.0 / inverse
+        level, slope = mass * rest[0], mass * rest[1]
+        constant = mass * rest[2] if offset else 0.0
+    else:
+        of_force, of_speed = (np.linalg.lstsq(basis, each, rcond=None)[0] for each in (force, speed))
+        if of_speed[0] > 0.0 and of_force[0] > 0.0:
+            most = float(of_force[0] / of_speed[0])
+        if free and mass > NEAR * most:
+            mass = 0.5 * most
+        level, slope, *constants = (of_force - mass * of_speed).tolist()
+        constant = constants[0] if offset else 0.0
+    size = max(float(max(np.abs(run.force).max() for run in runs)), abs(level), 1e-9)
+    slope = 0.0 if one_speed else max(slope, 1e-3 * size / top)
+    return Guess(mass, max(level, 0.02 * size), slope, constant, 0.1 * top, told, most, one_speed)
+
+
+def is_one_speed(speed: np.ndarray) -> bool:
+    """Whether speeds differ by so little that dry and viscous friction cannot be told apart."""
+    sizes = np.abs(speed)
+    return bool(np.std(sizes) < STEADY * np.mean(sizes))
+
+
+def _seen(speed: np.ndarray, force: np.ndarray, basis: np.ndarray, samples: float) -> bool:
+    """Whether the impulse of the force explains speed that friction does not; samples: how many of them count, of those that smoothing made alike."""
+    alone = force - basis @ np.linalg.lstsq(basis, force, rcond=None)[0]
+    power = float(alone @ alone)
+    if power <= SHARE**2 * float(force @ force):
+        return False
+    left = speed - basis @ np.linalg.lstsq(basis, speed, rcond=None)[0]
+    pull = float(alone @ left)
+    without, more = float(left @ left), pull * pull / power
+    rest = max(without - more, 1e-24 * float(speed @ speed))
+    return pull > 0.0 and more * max(samples - basis.shape[1] - 1, 1.0) > CLEAR * rest
+
+
+def _impulse(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Integral of samples over time, from 0."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
+
+
+def _centred(values: np.ndarray) -> np.ndarray:
+    centred: np.ndarray = values - values.mean()
+    return centred
 
 
 def friction_points(runs: Sequence[Run], body: float, offset: float) -> np.ndarray:

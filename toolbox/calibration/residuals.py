@@ -10,6 +10,7 @@ Three misfits, one interface (`model`, `slopes`, `measured`, `time`), and `Toget
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,6 +30,8 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.numbers import Number
 from toolbox.orbits.sensitivity import sensitivity
+from toolbox.simulation.budget import Budget
+from toolbox.simulation.methods import EventExact, Explicit
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 
@@ -40,6 +43,16 @@ TRIAL_RUN = 2000
 
 PART, FAR = 0.2, 5.0
 """How far from the model the first samples are where it begins elsewhere: in parts of the measured range, and in deviations of the noise of the signal."""
+
+EXPLICIT = 4
+"""Times as many steps as the usual method, at most, for which explicit steps are taken for runs, too: their derivatives follow them."""
+
+FEW_STEPS, LONGER = 1000, 100
+"""Explicit steps that are few in any case, and times as many steps as the first run that a later one may take: a search can lose its way to numbers with which
+a run never ends."""
+
+MANY_STEPS = 1_000_000
+"""Steps that every run may take."""
 
 TRIAL_ACCURACY = 1e-5
 """Accuracy of their runs, at best."""
@@ -61,7 +74,10 @@ class Simulated(Misfit):
 
     def __post_init__(self) -> None:
         self.names = [number.name for number in self.numbers]
-        self.outputs = [name for name in self.recording.signals if name not in self.loop.inputs]
+        measured = {
+            name: np.isfinite(values).any() for name, values in self.recording.signals.items()
+        }  # another window may have what this one lacks
+        self.outputs = [name for name, there in measured.items() if there and name not in self.loop.inputs]
         self.good = {name: np.isfinite(self.recording.signals[name]) for name in self.outputs}
         time, end = self.recording.time, float(self.recording.time[-1])
         for shift in self.shifts:  # what is compared is simulated for every shift between the bounds, and driven by what was measured
@@ -71,6 +87,7 @@ class Simulated(Misfit):
         self.measured = {name: self.recording.signals[name][good] for name, good in self.good.items()}
         self.exact = True
         self._last: tuple[bytes, Trajectory] | None = None
+        self._explicit, self._steps = False, 0
 
     def horizons(self) -> list[Simulated]:
         """The misfit over the first quarter, the first half and all of the data.
@@ -167,8 +184,21 @@ class Simulated(Misfit):
             end = float(self.recording.time[-1])
             late = self._late(values)
             times = np.unique(np.concatenate([*self._times(values).values()])) if late else self.recording.time
-            self._last = (key, simulate(self.at(values), end, output_times=times, accuracy=self.accuracy))
+            self._last = (key, self._simulated(self.at(values), end, times))
         return self._last[1]
+
+    def _simulated(self, loop: ClosedLoop, end: float, times: np.ndarray) -> Trajectory:
+        """The run of a loop: by explicit steps after a run whose derivatives needed few of them, which saves taking every step twice."""
+        given: dict[str, Any] = {"output_times": times, "accuracy": self.accuracy}
+        if not self._steps:
+            run = simulate(loop, end, **given)
+            self._steps = sum(run.steps)
+            return run
+        budget = Budget(steps=max(LONGER * self._steps, MANY_STEPS))
+        if self._explicit:
+            with contextlib.suppress(SimulationError):
+                return simulate(loop, end, method=Explicit(budget=budget), **given)
+        return simulate(loop, end, method=EventExact(budget=budget), **given)
 
     how = "by simulation"
 
@@ -227,7 +257,9 @@ class Simulated(Misfit):
         differenced = [*driving, *moving]
         if self.exact and moving:
             try:
-                slopes = sensitivity(self.run(values), [self.names[i] for i in moving])
+                run = self.run(values)
+                slopes = sensitivity(run, [self.names[i] for i in moving])
+                self._explicit = sum(slopes.run.steps) <= EXPLICIT * sum(run.steps) + FEW_STEPS
                 times = self._times(values)
                 for name in self.outputs:
                     found[name][:, moving] = slopes[name][np.searchsorted(slopes.time, times[name])]

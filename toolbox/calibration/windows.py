@@ -70,6 +70,9 @@ class Search:
         wrong sign would move an estimate by many times its confidence interval. None keeps all samples.
     accuracy
         Accuracy of the runs, as in `simulate`.
+    growing
+        Whether a search by simulation goes over a quarter of the data first, then half, then all. False begins with all
+        data, for start values near the optimum.
 
     Examples
     --------
@@ -82,6 +85,7 @@ class Search:
     seed: int = 0
     robust: float | None = 5.0
     accuracy: float = 1e-8
+    growing: bool = True
 
     def __post_init__(self) -> None:
         whole("starts", self.starts, 1)

@@ -74,11 +74,14 @@ def run(given: argparse.Namespace) -> int:
                 f"Argument `--number` must name a number of {given.plant}: {', '.join(n for n in units if units[n])}; but it is `{name}`."
             )
         values[name] = number(f"--number {name}", plain(text), units[name])
+    columns: dict[str, list[str]] = {}
+    for signal, heading in pairs("--column", "SIGNAL=HEADING", given.column):
+        columns.setdefault(signal, []).append(heading)
     with results(given, drawn_as(FILES, given.format), earlier("identify.txt", "^Fit of ", FILES)) as folder:
         found = identify(
             [*given.data],
             kind(**values),
-            columns=dict(pairs("--column", "SIGNAL=HEADING", given.column)) or None,
+            columns=columns or None,
             fixed=[f"{kind.signal_prefix}.{name}" for name in values],
             delayed_signals=given.shift,
             directions=given.directions,

@@ -6,12 +6,17 @@ import argparse
 import csv
 import glob
 import io
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from toolbox.commands import figures
 from toolbox.commands.recording import results, untimed
-from toolbox.commands.terminal import asked_otherwise, common, drawn_as, earlier, file_stems, loaded, progress, show
+from toolbox.commands.terminal import asked_otherwise, common, drawn_as, earlier, file_stems, loaded, otherwise, progress, show
+
+if TYPE_CHECKING:
+    from toolbox.scenes.scene import Scene
+    from toolbox.scenes.verdict_table import Row
 
 COMMON_FILES = ("scene.toml", "study.txt", "table.csv", "comparison.png", "measured.csv")
 MANY = 60
@@ -48,6 +53,11 @@ def add(commands: Any) -> None:
         action="store_true",
         help=f"write every signal of every run; without, a run of more than {MANY} columns leaves out arrays and the contacts that are not judged",
     )
+    study.add_argument(
+        "--refined",
+        action="store_true",
+        help="repeat every verdict with twice as many elements of a string that is lumped from tables, and print both side by side",
+    )
     asked_otherwise(study)
     study.set_defaults(action=run, spelled={"metrics": "--metric"})
 
@@ -55,10 +65,12 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Study a scene. Returns the exit code."""
     from toolbox.onsets import study
+    from toolbox.scenes.scene import Scene
     from toolbox.scenes.verdict_table import table, write_table
     from toolbox.steady_states.instability import instability
 
     scene = loaded(given)
+    finer = otherwise(Scene.load(given.scene, refined=True), given) if given.refined else None
     stems = file_stems(scene.labels)
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
     with results(given, names, earlier("table.csv", "^controller,verdict,stuck,", _left)) as folder:
@@ -91,11 +103,30 @@ def run(given: argparse.Namespace) -> int:
             )
         warning = scene.dependencies().warning
         notes += [warning] if warning else []
+        notes += [_refined(finer, rows)] if finer is not None else []
         notes += [f"{label}: {unstable}" for label in scene.labels if (unstable := instability(scene[label]))]
         (folder / "study.txt").write_text("\n\n".join([table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
     show("\n\n".join([table(scene, rows), *notes]))
     print(f"\n{'Figures, trajectories, table and scene' if runs else 'Table and scene'} are in {given.out}")
     return 1 if all(row.failed for row in rows) else 0
+
+
+def _refined(finer: Scene, rows: Sequence[Row]) -> str:
+    """The verdicts on the scene with twice as many elements, beside those of its own number."""
+    from toolbox.files.printing import columns
+    from toolbox.onsets import study
+
+    lumped = [words for part in finer.plant().parts if (words := getattr(part, "mode_summary", ""))]
+    again = [study.verdict_row(finer, row.controller)[0] for row in rows]
+    cells = [("controller", "verdict", "with twice the elements", "stuck", "with twice the elements")]
+    cells += [(a.controller, a.verdict, b.verdict, f"{a.stuck:.3g} s", f"{b.stuck:.3g} s") for a, b in zip(rows, again, strict=True)]
+    other = [a.controller for a, b in zip(rows, again, strict=True) if a.verdict != b.verdict]
+    told = (
+        f"The verdict on {', '.join(other)} depends on the number of elements."
+        if other
+        else "No verdict depends on the number of elements."
+    )
+    return "\n".join([f"With twice as many elements ({'; '.join(lumped)}):", *columns(cells, left=(0, 1, 2)), told])
 
 
 def _beside_measured(scene: Any, stems: list[str], folder: Path, ending: str) -> list[str]:

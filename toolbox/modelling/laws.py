@@ -212,6 +212,10 @@ def designed(law: Any, plant: HybridSystem) -> Any:
         raise SceneError(f"{type(law).__name__} cannot be designed on this plant with these numbers: {error}") from error
     if not callable(made) and not isinstance(made, Controller):
         raise SceneError(f"`{type(law).__name__}.design` must return a control law, but it returned {made!r}.")
+    if isinstance(made, Controller) and type(made) is not type(law) and made.name is None:
+        return dataclasses.replace(
+            made, name=getattr(law, "name", None) or type(law).__name__.lower()
+        )  # one first word for all its numbers
     return made
 
 

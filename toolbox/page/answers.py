@@ -16,12 +16,12 @@ from toolbox.files.unit_systems import reading_of
 from toolbox.measuring.judge import Judged, told_growth
 from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.measuring.metrics import distance
+from toolbox.measuring.verdict import Verdict
 from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.onsets.study import metrics_of, words_of
 from toolbox.scenes.judged import sticks_before_standstill
-from toolbox.scenes.verdict_table import Verdict
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import equilibrium, linearise
 
@@ -223,12 +223,13 @@ def reason(loop: ClosedLoop, words: str, judged: Judged | None, found: Mapping[s
         parts.append("Whether that stays so is being looked at.")
     elif judged is not None:
         if math.isfinite(judged.interval):
-            what = "The same stick comes back" if judged.sticks else "The same swing comes back"
-            parts.append(f"{what} every {judged.interval:.3g} s.")
+            what = "the same stick comes back" if judged.sticks else "the same swing comes back"
+            later = "Carried on, " if judged.sticks and not sticks else ""
+            parts.append(f"{later}{what if later else what.capitalize()} every {judged.interval:.3g} s.")
         if math.isfinite(judged.rate) and judged.rate != 0.0:
             steady = "dies" if judged.rate < 0 else "grows"
             parts.append(f"A small disturbance of smooth running {steady} (time constant {1 / abs(judged.rate):.3g} s).")
-        if words == "stick-slip" and judged.rate < 0:
+        if words.startswith("stick-slip") and judged.rate < 0:
             parts.append("Smooth running would last, too, if the machine were led to it.")
     elif words != "no modes":
         parts.append("The judge sees no more than this run: it is too short, or its inputs go on changing.")

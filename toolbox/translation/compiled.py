@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 
 from toolbox.compilation.emitter import COMPILING, linked, object_code
-from toolbox.compilation.kept_code import cache_directory, keep, kept
 from toolbox.compilation.stamps import stamp_of
+from toolbox.files.kept_code import cache_directory, keep, kept
 from toolbox.translation.kinds import Array, Arrays, Value, known
 
 HEADER = object.__basicsize__

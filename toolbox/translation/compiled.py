@@ -48,18 +48,18 @@ _IN_C: dict[Any, Any] = {"f": ctypes.c_double, "i": ctypes.c_int64, "u": ctypes.
 
 
 class Compiled:
-    """Function as machine code.
+    """Python function that is compiled to machine code at its first call.
 
     Parameters
     ----------
     py_func
-        The function. All functions that it calls are in files of the toolbox.
+        The function. All functions that it calls must be in files of the toolbox.
     arguments
-        Kinds of its arguments: "f", "i" or "u" for a real number, an integer and an unsigned integer; None and True for
-        a known condition; {field: (dtype, number of dimensions)} for the named tuple of arrays. A function of tuples
-        takes only tuples, and returns an integer.
+        Kind of each argument of the function: "f", "i" or "u" for a real number, an integer or an unsigned integer;
+        None or True for a condition that is known when the function is compiled; {field: (dtype, number of dimensions)}
+        for a named tuple of arrays. A function of named tuples takes only named tuples and returns an integer.
     gives
-        Kind of its result, as for an argument.
+        Kind of the result of the function, as for an argument, by default "i".
     """
 
     def __init__(self, py_func: Any, *arguments: Any, gives: str = "i"):
@@ -80,9 +80,9 @@ class Compiled:
         return done
 
     def bound(self, *given: Any) -> Callable[[], int]:
-        """Return a call on these arrays, for an object that owns them permanently.
+        """Return a function without arguments that calls the machine code on these arrays, for an object that owns the arrays permanently.
 
-        The arrays are checked once here, and not in every call. Raises TypeError as a call does.
+        The arrays are checked once here, and not in every call. Raises TypeError if an array does not fit.
         """
         views = self._viewed(given)
         tables = [np.array([entry for array in work for entry in (array.ctypes.data, *array.shape)], np.int64) for work in views]
@@ -101,16 +101,16 @@ class Compiled:
         return [tuple(each) for each in views]
 
     def known(self) -> bool:
-        """Whether the machine code exists, so that nothing must be compiled."""
+        """Return whether the machine code exists already, so that a call need not compile it."""
         return "_library" in self.__dict__ or self._kept() is not None or self._shipped() is not None
 
     def ready(self) -> None:
-        """Compile the function, if this has not been done."""
+        """Compile the function, if its machine code does not exist already."""
         self._entry  # noqa: B018 (what is asked for is made)
 
     @cached_property
     def address(self) -> int:
-        """Address of the machine code that takes a table for each tuple: of each array its address, then its sizes."""
+        """Address of the machine code. The machine code takes one table for each named tuple, which holds for each array its address and its sizes."""
         return int(self._library["on_table"])
 
     @cached_property
@@ -163,12 +163,12 @@ class Compiled:
 
     @property
     def shipped_name(self) -> str:
-        """Return the file name of its object code in a package, made from its text and its compiler."""
+        """File name of the object code of this function in an installed package. The name depends on `text` and on the compiler."""
         return hashlib.sha256(f"{machine()}\n{self.text}".encode()).hexdigest()[:32] + ".o"
 
     @cached_property
     def text(self) -> str:
-        """The module as text of LLVM."""
+        """The function as text of an LLVM module."""
         from toolbox.translation.llvm_language import LlvmTranslation, type_of
 
         tuples = [{name: Array(dtype, (None,) * dimensions) for name, (dtype, dimensions) in kinds.items()} for kinds in self.tuples]

@@ -22,6 +22,7 @@ from .nonlinear_mpc import NonlinearMPC as NonlinearMPC
 from .on_estimates import StringObserverController as StringObserverController
 from .pi import PI as PI
 from .pi import StiffPI as StiffPI
+from .pid import PID as PID
 from .pipe import pipe_impedance as pipe_impedance
 from .sliding_mode import IdealSlidingMode as IdealSlidingMode
 from .sliding_mode import SlidingMode as SlidingMode

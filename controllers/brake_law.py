@@ -43,6 +43,10 @@ class BrakeLaw(Controller):
     - It is held after the wheel has stopped.
     - With a `margin` it stays below `margin` times the border of groan, the force above which the pad loses its damping
       (`groan_border`). The brake is then released before standstill, as a chauffeur does, and the stop becomes longer.
+    - With a `jerk` (or `car_jerk`) beside the margin, the force falls before the car reaches a speed below which the
+      border is lower, so that the deceleration a falls along a^2 = a_0^2 + 2 jerk (w - w_0). Here w_0 is this speed and
+      a_0 the deceleration at the lower border. Without a `jerk` the force falls in a step at w_0, as fast as `force_rate`
+      allows. Only a border in pieces, such as the border of a table, has such speeds.
 
     The border of groan is either `border` with an exponential growth, or `border_forces`, each of which holds from its
     speed in `border_speeds` up to the next speed. The inertia I, the radius r and the border are read from the plant if
@@ -58,6 +62,8 @@ class BrakeLaw(Controller):
     margin: OptionalQuantity = quantity(None, "1", "allowed force as a fraction of the border of groan", above=0)
     lowest_force: Quantity = quantity(100.0, "N", "lowest force of one pad", at_least=0)
     highest_force: Quantity = quantity(5000.0, "N", "highest force of one pad", above=0, typical_range=(1.0, 1e6))
+    jerk: OptionalQuantity = quantity(None, "rad/s3", "largest jerk of the disc while the force falls to a lower border", above=0)
+    car_jerk: OptionalQuantity = quantity(None, "m/s3", "largest jerk of the car, in place of `jerk`", above=0)
     force_rate: OptionalQuantity = quantity(20_000.0, "N/s", "highest rate of the force", above=0)
     inertia: OptionalQuantity = quantity(None, "kg m2", "inertia I on the disc", above=0)
     radius: OptionalQuantity = quantity(None, "m", "effective radius r of the pads", above=0, typical_range=(0.01, 1.0))
@@ -103,11 +109,13 @@ class BrakeLaw(Controller):
                 )
             else:
                 found |= {"border_speeds": border.speeds, "border_forces": tuple(min(force, UNBOUNDED) for force in border.forces)}
-        if self.car_deceleration is not None:
-            try:
-                found["deceleration"] = self.car_deceleration / plant.parameter("disc.wheel_radius")
-            except SceneError as error:
-                raise SceneError(f"Argument `car_deceleration` needs a DiscBrake with a `wheel_radius`: {error}") from None
+        for name in ("deceleration", "jerk"):
+            of_car = getattr(self, f"car_{name}")
+            if of_car is not None:
+                try:
+                    found[name] = of_car / plant.parameter("disc.wheel_radius")
+                except SceneError as error:
+                    raise SceneError(f"Argument `car_{name}` needs a DiscBrake with a `wheel_radius`: {error}") from None
         return replace(self, **found)
 
     def border_at(self, speed: Any) -> Any:
@@ -119,6 +127,20 @@ class BrakeLaw(Controller):
         force: Any = self.border_forces[0]
         for begin, beyond in zip(self.border_speeds[1:], self.border_forces[1:], strict=True):
             force = ca.if_else(speed >= begin, beyond, force)
+        return force
+
+    def highest_eased(self, speed: Any) -> Any:
+        """Return `margin` times the border [N] at a disc speed [rad/s] >= 0, reduced before each lower piece so that the jerk stays below `jerk`."""
+        margin = 1.0 if self.margin is None else self.margin
+        force = margin * self.border_at(speed)
+        if self.jerk is None or self.border_forces is None or self.border_speeds is None:
+            return force
+        symbolic = isinstance(speed, ca.SX)
+        least, choice, root = (ca.fmin, ca.if_else, ca.sqrt) if symbolic else (np.minimum, np.where, np.sqrt)
+        growth = 2.0 * self.jerk * self.force_for(1.0) ** 2  # of the squared force with the speed
+        for below, begin in zip(self.border_forces[:-1], self.border_speeds[1:], strict=True):
+            ahead = (ca.fmax if symbolic else np.maximum)(speed - begin, 0.0)
+            force = least(force, choice(speed >= begin, root((margin * below) ** 2 + growth * ahead), UNBOUNDED))
         return force
 
     def force_for(self, deceleration, friction=None):
@@ -139,7 +161,7 @@ class BrakeLaw(Controller):
     def limited(self, wanted, speed, period, last):
         """The command, given the last one."""
         if self.margin is not None:
-            wanted = ca.fmin(wanted, self.margin * self.border_at(ca.fmax(speed, 0.0)))
+            wanted = ca.fmin(wanted, self.highest_eased(ca.fmax(speed, 0.0)))
         command = ca.fmin(ca.fmax(wanted, self.lowest_force), self.highest_force)
         if self.force_rate is not None:
             step = self.force_rate * period

@@ -177,7 +177,7 @@ class PlannedStop(Stateful):
             low[N], high[N] = 0.0, np.inf
             H[N, N], g[N] = law.violation_cost, law.violation_cost
             around = np.maximum(np.append(self.speeds[1:], self.speeds[-1]) if self.planned else wish[1:], 0.0)
-            border = law.margin * law.border_at(around) / UNIT
+            border = law.highest_eased(around) / UNIT
             growth = law.border_growth if law.border_forces is None else 0.0
             self.rows[N:, :N] = self.forced - (growth * border)[:, None] * S
             self.rows[N:, N] = -1.0

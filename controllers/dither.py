@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import Controller, Equations, HybridSystem, Quantity, SceneError, Update, measure, quantity, simulate, time
-from toolbox.authoring import new_names_only, number
+from toolbox.authoring import columns, new_names_only, number
 from toolbox.inputs import sine
 from toolbox.modelling import OptionalQuantity
 
@@ -271,11 +271,12 @@ class DitherMap:
 
     def __str__(self) -> str:
         head = f"Swing under dither as a fraction of the swing without dither; natural frequency {self.natural:.4g} Hz; * stands"
-        names = f"{'frequency [Hz]':<16}" + "".join(f"{f'depth {depth:.2g}':>12}" for depth in self.depth)
-        lines = [head, names, "-" * len(names)]
+        rows = [["frequency [Hz]", *(f"depth {depth:.2g}" for depth in self.depth)]]
         for j, frequency in enumerate(self.frequency):
-            cells = (f"{swing:.2f}" + ("*" if stands else " ") for swing, stands in zip(self.swing[:, j], self.stands[:, j], strict=True))
-            lines.append((f"{frequency:<16.4g}" + "".join(f"{cell:>12}" for cell in cells)).rstrip())
+            stars = ("*" if stands else " " for stands in self.stands[:, j])
+            rows.append([f"{frequency:.4g}", *(f"{swing:.2f}{star}" for swing, star in zip(self.swing[:, j], stars, strict=True))])
+        table = columns(rows, (0,), "")
+        lines = [head, table[0], "-" * len(table[0]), *table[1:]]
         try:
             frequency, depth = self.choice()
             lines.append(f"Choice: {frequency:.4g} Hz at depth {depth:.2g}")
@@ -350,10 +351,10 @@ def dither_map(
     >>> block = compose(oscillators.LEINE)
     >>> print(dither_map(block, "block.load", 1.0, 0.159, contact="belt", signal="block.position", ratios=(0.5, 3.5), depths=(0.8,)))
     Swing under dither as a fraction of the swing without dither; natural frequency 0.159 Hz; * stands
-    frequency [Hz]     depth 0.8
-    ----------------------------
-    0.0795                 1.88
-    0.5565                 0.38
+    frequency [Hz]  depth 0.8
+    -------------------------
+    0.0795              1.88
+    0.5565              0.38
     Choice: 0.5565 Hz at depth 0.8
     """
     mean, natural = number("mean", mean, "N", above=0), number("natural", natural, "Hz", above=0)

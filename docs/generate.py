@@ -64,7 +64,10 @@ SHELVES = {
         "elastic": ("Elastic bodies", "elastic"),
     },
     "controllers": {
-        "top_drive": ("Controllers of a top drive", "pi soft_torque z_torque active_damping held_speed pipe"),
+        "top_drive": (
+            "Controllers of a top drive, and PID control of any signal",
+            "pi pid soft_torque z_torque active_damping held_speed pipe",
+        ),
         "state_feedback": ("Optimal and robust control", "lqr lqg h_infinity"),
         "sliding_modes": ("Sliding modes", "sliding_mode implicit_sliding_mode super_twisting"),
         "predictive": ("Predictive control", "linear_mpc nonlinear_mpc"),
@@ -333,7 +336,7 @@ def drive_page() -> str:
 
 def _answer_lines(rows: Sequence[Mapping[str, str]]) -> list[str]:
     """The short table on top: some drives on three groups of plants, protocol `takeover`."""
-    groups = {"nominal": "nominal plant", "one_at_a_time": "one error of 10 or 20 %", "varying_weight": "varying weight"}
+    groups = {"nominal": "nominal plant", "one_at_a_time": "one parameter wrong by 10 or 20 %", "varying_weight": "varying weight"}
     lines = [f"| controller | {' | '.join(groups.values())} |", "|---|" + "---|" * len(groups)]
     found = {row["label"]: row for row in rows}
     for label in ANSWERS:

@@ -11,7 +11,7 @@ import numpy as np
 
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
-from toolbox.authoring import entries, number
+from toolbox.authoring import columns, entries, number
 from toolbox.modelling import Quantities
 
 
@@ -127,10 +127,10 @@ class SquealingPad(Component):
         Examples
         --------
         >>> print(SquealingPad().modes((0.6, 0.9)))
-        friction    mode 1 [Hz]    growth [1/s]    mode 2 [Hz]    growth [1/s]
-        ----------------------------------------------------------------------
-        0.6               0.198          -0.075          0.2487          -0.075
-        0.9              0.2262         -0.2324          0.2262         0.08236  squeals
+        friction  mode 1 [Hz]  growth [1/s]  mode 2 [Hz]  growth [1/s]
+        --------------------------------------------------------------
+        0.6             0.198        -0.075       0.2487        -0.075
+        0.9            0.2262       -0.2324       0.2262       0.08236  squeals
         Flutter from a friction of 0.7837 on
         """
         mu = np.array([number("frictions", each, at_least=0) for each in np.ravel(frictions)])
@@ -179,11 +179,11 @@ class SquealModes:
         return self.growth.max(axis=1) > 0
 
     def __str__(self) -> str:
-        names = f"{'friction':<12}{'mode 1 [Hz]':>11}{'growth [1/s]':>16}{'mode 2 [Hz]':>15}{'growth [1/s]':>16}"
-        lines = [names, "-" * len(names)]
+        rows = [["friction", "mode 1 [Hz]", "growth [1/s]", "mode 2 [Hz]", "growth [1/s]"]]
         for mu, (low, high), (first, second), loud in zip(self.friction, self.frequency, self.growth, self.squeals, strict=True):
-            word = "  squeals" if loud else ""
-            lines.append(f"{mu:<12.4g}{low:>11.4g}{first:>16.4g}{high:>16.4g}{second:>16.4g}{word}")
+            rows.append([*(f"{each:.4g}" for each in (mu, low, first, high, second)), *(["squeals"] if loud else [])])
+        lines = columns(rows, (0, 5), "")
+        lines.insert(1, "-" * len(lines[0]))
         lines.append(
             f"Flutter from a friction of {self.flutter:.4g} on"
             if math.isfinite(self.flutter)
@@ -192,18 +192,31 @@ class SquealModes:
         return "\n".join(lines)
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw frequencies and growth rates over the friction, the squealing range shaded; returns both axes."""
-        from matplotlib import pyplot
+        """Draw frequencies and growth rates over the friction, with the squealing range in grey.
 
-        if axes is None:
-            _, axes = pyplot.subplots(2, 1, sharex=True, layout="constrained")
-        for ax, values, label in zip(axes, (self.frequency, self.growth), ("frequency [Hz]", "growth rate [1/s]"), strict=True):
-            for mode, (color, style) in enumerate((("black", "-"), ("0.45", "--"))):
-                ax.plot(self.friction, values[:, mode], color=color, linestyle=style, label=f"mode {mode + 1}")
-            if self.flutter < self.friction.max():
-                ax.axvspan(self.flutter, self.friction.max(), color="0.92", zorder=0, label="squeals")
-            ax.set_ylabel(label)
-        axes[1].axhline(0.0, color="0.6", linewidth=0.8)
-        axes[1].set_xlabel("coefficient of friction [1]")
-        axes[0].legend(frameon=False)
+        Parameters
+        ----------
+        axes
+            Two axes to draw into. By default a new figure.
+
+        Returns
+        -------
+        array of axes
+            The axes. `axes[0].figure.savefig("squeal.png")` writes the figure to a file.
+        """
+        from toolbox.authoring import name_axis, panels, paper
+
+        with paper():
+            axes = panels(2, 2.8) if axes is None else axes
+            for ax, values, words, unit in zip(
+                axes, (self.frequency, self.growth), ("frequency", "growth rate"), ("Hz", "1/s"), strict=True
+            ):
+                for mode, (color, style) in enumerate((("black", "-"), ("0.45", "--"))):
+                    ax.plot(self.friction, values[:, mode], color=color, linestyle=style, label=f"mode {mode + 1}")
+                if self.flutter < self.friction.max():
+                    ax.axvspan(self.flutter, self.friction.max(), color="0.92", zorder=0, label="squeals")
+                name_axis(ax.xaxis, "coefficient of friction", "1")
+                name_axis(ax.yaxis, words, unit)
+            axes[1].axhline(0.0, color="0.6", linewidth=0.8)
+            axes[0].legend(frameon=False)
         return axes

@@ -115,7 +115,7 @@ class TorqueDrag(Result):
 
     def _table(self) -> tuple[Sequence[str], Sequence[Sequence[Any]]]:
         """One row per depth."""
-        heads = ["depth [m]", "tension [N]", "hanging [N]", "torque [N m]", "side force [N/m]", "sliding"]
+        heads = ["depth [m]", "tension [N]", "frictionless tension [N]", "torque [N m]", "side force [N/m]", "is sliding"]
         rows = zip(self.depth, self.tension, self.frictionless_tension, self.torque, self.side_force, self.is_sliding, strict=True)
         return heads, [[*map(float, row[:-1]), int(row[-1])] for row in rows]
 

@@ -44,6 +44,10 @@ def main(arguments: list[str]) -> int:
         hint = f"did you mean {near[0]!r}?" if near else "`python -m studies` lists them."
         print(f"There is no study {name!r}: {hint}", file=sys.stderr)
         return 2
+    text = (Path(__file__).parent / where[name] / f"{name}.py").read_text(encoding="utf-8")
+    if {"-h", "--help"} & set(arguments[1:]) and "parser" not in text:  # a study without options of its own
+        print(ast.get_docstring(ast.parse(text)))
+        return 0
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is loaded: see `toolbox.sweeps.executors.Workers`
     from toolbox.messages import write_log_to_stderr
 

@@ -75,7 +75,10 @@ def plain(name: str) -> Any:
     kind = shipped()[name]
     fields = {each.name for each in fields_of(kind)}
     limits = {"lowest_torque": 0.0, "highest_torque": 2e4} if "lowest_torque" in fields and name != "IdealSlidingMode" else {}
-    inside = {"law": controllers.PI(lowest_torque=0.0, highest_torque=2e4)} if name == "Lifting" else {}
+    inside = {
+        "Lifting": {"law": controllers.PI(lowest_torque=0.0, highest_torque=2e4)},
+        "PID": {"measured_signals": "top.speed", "actuated_signals": "top.torque", "reference": 8.0, "highest": 2e4},
+    }.get(name, {})
     return kind(**limits, **inside)
 
 

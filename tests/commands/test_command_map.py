@@ -10,6 +10,7 @@ import pytest
 
 from toolbox.commands.command_line import main
 from toolbox.commands.sweep import _left_of
+from toolbox.errors import NoSteadyState
 from toolbox.onsets.severity_map import SeverityMap
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
@@ -73,6 +74,30 @@ def test_a_folder_that_cannot_be_written_is_told_before_a_controller_that_has_no
     assert "`--out` must be a folder that can be written" in capsys.readouterr().err
     assert main([*call, str(tmp_path / "out"), "--controller", "constant torque"]) == 2
     assert "no number `top.reference`" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def without_steady_state(*arguments, **options):
+    raise NoSteadyState("There is no steady state.")
+
+
+def test_a_map_that_finds_nothing_names_no_folder_and_leaves_none(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("toolbox.onsets.severity_map.severity_map", without_steady_state)
+    assert main(["map", str(SCENES / "brake_stop.toml"), *GROAN, "--out", str(tmp_path / "groan")]) == 1
+    out = capsys.readouterr().out
+    assert "There is no steady state." in out
+    assert "are in" not in out and not (tmp_path / "groan").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "search", "more"),
+    [("onset", "toolbox.onsets.onset.onset", ["--range", "bit.weight=50kN:110kN"]), ("margins", "toolbox.robustness.margins.margins", [])],
+)
+def test_a_command_that_finds_nothing_names_only_the_files_that_it_writes(command, search, more, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(search, without_steady_state)
+    call = [command, str(SCENES / "jansen_2.toml"), *more, "--controller", "stiff PI", "--out", str(tmp_path / "out")]
+    assert main(call) == 1
+    assert f"The report is in {tmp_path / 'out'}" in capsys.readouterr().out
+    assert not [path for path in (tmp_path / "out").iterdir() if path.suffix in (".png", ".csv", ".npz")]
 
 
 def test_many_numbers_that_are_off_make_no_wide_table():

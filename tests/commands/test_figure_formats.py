@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import matplotlib.pyplot as plt
 import pytest
 from matplotlib.figure import Figure
 
-from models import BlockOnBelt
-from toolbox import Trajectory, compose, simulate
+from controllers import BrakeForce
+from models import BlockOnBelt, DiscBrake
+from toolbox import Scene, Trajectory, compose, measure, simulate
 from toolbox.commands import figures as figures_of_commands
 from toolbox.commands.command_line import main
 
@@ -62,3 +65,30 @@ def test_an_unknown_format_is_refused_by_every_command_that_writes_figures(comma
         main([command, "--format", "jpeg"])
     assert caught.value.code == 2
     assert "argument --format: invalid choice: 'jpeg' (choose from" in capsys.readouterr().err
+
+
+def test_figures_of_a_stop_end_a_little_after_standstill_and_show_the_speed_of_the_car_once(tmp_path, monkeypatch):
+    stop = Scene.of(
+        compose(DiscBrake(wheel_radius="300 mm")), 6.0, signal="disc.car_speed", effort="brake.force", after=0.2, standstill_speed=0.03,
+        start={"disc.car_speed": "5 km/h"}, inputs={"brake.force": 1000.0},
+    )  # fmt: skip
+    run = stop.run(stop.labels[0])
+    stands = measure.standstill(run, "disc.car_speed", 0.03)
+    assert 0.2 < stands < 3.0
+    assert figures_of_commands.shown_until(stop, [run]) == pytest.approx(1.1 * stands)
+    assert figures_of_commands.shown_until(dataclasses.replace(stop, standstill_speed=None), [run]) is None
+    assert figures_of_commands.shown_until(stop, [simulate(stop[stop.labels[0]], 0.5)]) == 0.5  # it rolls to the end
+    shown = []
+    monkeypatch.setattr(figures_of_commands, "_write", lambda axes, title, path: shown.append(axes))
+    figures_of_commands.draw(stop, "stop", run, tmp_path / "a.png", tmp_path / "b.png")
+    figures_of_commands.draw_comparison(stop, {"stop": run}, tmp_path / "c.png")
+    for panels in (shown[0], shown[-1]):
+        assert panels[-1].get_xlim()[1] == pytest.approx(1.1 * stands)
+    assert shown[0][0].get_ylabel() == "disc car speed [m/s]"
+    assert "disc.speed" not in run.main_signals and "disc.car_speed" in run.main_signals
+
+
+def test_what_a_controller_remembers_is_no_main_signal_of_a_run():
+    plant, law = compose(DiscBrake(force=0.0, wheel_radius="300 mm")), BrakeForce(car_deceleration=2.5)
+    run = simulate(plant, 0.5, start={"disc.car_speed": 2.0}, controller=law, sample_time=1e-3)
+    assert run.main_signals == ["disc.car_speed", "brake.torque", "brake.force"]

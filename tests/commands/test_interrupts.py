@@ -322,7 +322,11 @@ def test_interrupted_drives_whose_set_points_are_kept_do_not_say_that_runs_are_l
     from toolbox.commands.command_line import main
     from toolbox.drilling import lowest_set_point as searched
 
+    keeps = True
+
     def interrupted(*arguments, **options):
+        if options["checkpoint"] is not None:
+            options["checkpoint"].write_text('{"arguments": {}}\n' + keeps * '{"key": [6.0]}\n')
         interrupt = KeyboardInterrupt()
         interrupt.add_note("6 of 8 runs are lost; with `out` they are kept.")  # as a sweep without a folder of its own says
         raise interrupt
@@ -331,5 +335,41 @@ def test_interrupted_drives_whose_set_points_are_kept_do_not_say_that_runs_are_l
     scene = Path(__file__).parents[2] / "studies" / "scenes" / "jansen_2.toml"
     assert main(["setpoints", str(scene), "--out", str(tmp_path / "out")]) == 130
     assert "lost" not in (said := capsys.readouterr().err) and "goes on from here" in said
+    keeps = False
+    assert main(["setpoints", str(scene), "--out", str(tmp_path / "out")]) == 130
+    assert "lost" not in (said := capsys.readouterr().err) and "nothing was written" in said
     assert main(["setpoints", str(scene)]) == 130
     assert "6 of 8 runs are lost" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_an_interrupted_map_says_that_it_goes_on_only_if_a_run_is_kept(keeps, tmp_path, monkeypatch, capsys):
+    from toolbox.commands.command_line import main
+
+    def interrupted(loop, ranges, shape, checkpoint):
+        checkpoint.mkdir(parents=True)
+        (checkpoint / "runs.jsonl").write_text('{"arguments": {}}\n' + keeps * '{"key": [0.0, 1.0]}\n')
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("toolbox.onsets.severity_map.severity_map", interrupted)
+    scene = Path(__file__).parents[2] / "studies" / "scenes" / "brake_stop.toml"
+    ranges = ["--range", "disc.reference=0.2:5", "--range", "brake.force=0.2kN:3kN"]
+    assert main(["map", str(scene), "--law", "HeldSpeed", *ranges, "--out", str(tmp_path / "out")]) == 130
+    assert ("the same call goes on" in (said := capsys.readouterr().err)) == keeps
+    assert ("nothing was written" in said) != keeps
+
+
+def test_a_sweep_without_a_finished_run_does_not_say_that_runs_are_kept(tmp_path, monkeypatch):
+    from models import BlockOnBelt
+    from toolbox import closed_loop, compose, sweep
+    from toolbox.sweeps import executors
+
+    def stopped(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(executors, "_next", stopped)
+    monkeypatch.setattr(executors, "_kept", lambda *arguments: None)
+    loop = closed_loop(compose(BlockOnBelt()))
+    with pytest.raises(KeyboardInterrupt) as interrupt:
+        sweep(loop, {"block.force": [0.0, 0.1]}, metrics="severity", duration=1.0)
+    assert interrupt.value.__notes__ == ["no run was finished."]

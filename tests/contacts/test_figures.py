@@ -48,9 +48,12 @@ def test_a_map_shows_every_contact_in_its_mode(run):
     assert drawn["open"] == 3
 
 
-@pytest.mark.parametrize(("values", "factor"), [("pressure", 1e-6), ("traction", 1e-6), ("friction_work", 1e9)])
-def test_fields_are_drawn_in_the_unit_that_their_bar_says(run, values, factor):
+@pytest.mark.parametrize(
+    ("values", "factor", "unit"), [("pressure", 1e-6, "[MPa]"), ("traction", 1e-6, "[MPa]"), ("friction_work", 1e3, "[mJ]")]
+)
+def test_fields_are_drawn_in_the_unit_that_their_bar_says(run, values, factor, unit):
     ax = run.plot_map(run.end, values)
+    assert unit in ax.figure.axes[-1].get_xlabel()
     np.testing.assert_allclose(ax.collections[0].get_array(), factor * getattr(run, values)[-1])
 
 
@@ -65,7 +68,7 @@ def test_the_figure_of_a_run_shows_shares_the_face_at_four_instants_and_its_fiel
     changes = np.diff(run.contact_modes, axis=0).astype(bool).sum(axis=1).cumsum()
     for part, instant in zip((0.2, 0.4, 0.6, 0.8), instants, strict=True):
         assert changes[np.flatnonzero(run.time[1:] < instant - 1e-9)].max(initial=0) < part * changes[-1]
-    np.testing.assert_allclose(axes[8].collections[0].get_array(), 1e9 * run.friction_work[-1])
+    np.testing.assert_allclose(axes[8].collections[0].get_array(), 1e3 * run.friction_work[-1])
     assert {text.get_text() for text in axes[9].get_legend().get_texts()} >= {"slip", "open"}
     assert all(ax.title.get_fontsize() <= ax.xaxis.label.get_fontsize() for ax in axes if ax.get_title())
 

@@ -12,7 +12,8 @@ from controllers import BrakeForce, HeldSpeed, groan_border
 from models import DiscBrake, Exponential, GaussianStribeck, StepFriction, Tabulated, Viscous
 from studies.questions import brake_check as own
 from studies.questions import brakes
-from toolbox import SceneError, closed_loop, compose, equilibrium, linearise, simulate
+from toolbox import SceneError, closed_loop, compose, equilibrium, linearise, measure, simulate
+from toolbox.measuring import metrics
 
 SPEEDS, COEFFICIENTS = own.SPEEDS, own.COEFFICIENTS
 TABLE = Tabulated(speeds=SPEEDS, coefficients=COEFFICIENTS, static=0.45)
@@ -113,6 +114,40 @@ def test_an_eased_law_keeps_the_margin_of_every_piece_and_its_twin_does_not():
         return (at["brake.force"] - np.maximum(bound, late))[turning].max()
 
     assert excess(eased) < 25.0 < excess(twin)
+
+
+def test_a_force_eased_with_a_jerk_never_exceeds_the_border_and_its_twin_does():
+    plant, border = brake(wheel_radius=own.WHEEL), groan_border(brake())
+    found = {}
+    for jerk in (None, 5.0):
+        law = BrakeForce(car_deceleration=own.WANTED, friction=0.385, margin=0.8, car_jerk=jerk)
+        run = simulate(plant, 4.0, start={"disc.car_speed": 2.7}, controller=law, sample_time=1e-3)
+        stands = measure.standstill(run, "disc.car_speed", 0.03)
+        at = run.at(np.arange(0.3, stands, 1e-3))
+        share = (at["brake.force"] / [border.at(max(speed, 0.0)) for speed in at["disc.speed"]]).max()
+        found[jerk] = (
+            share,
+            metrics.jerk("disc.car_speed", 0.3, stands).read(run),
+            metrics.distance("disc.car_speed", 0.0, stands).read(run),
+        )
+    (share, jerk, distance), (twin, twin_jerk, twin_distance) = found[5.0], found[None]
+    assert share < 0.82 and twin > 2.0  # 0.8, and the last sample before a lower piece
+    assert jerk < 1.35 * 5.0 < twin_jerk  # the friction is up to 0.445 where 0.385 is expected
+    assert twin_distance < distance < twin_distance + 0.5
+
+
+def test_the_eased_force_falls_along_a_constant_jerk_to_each_lower_piece():
+    law = BrakeForce(deceleration=WANTED, friction=0.385, margin=0.8, jerk=20.0).design(brake())
+    speeds = np.linspace(0.0, 12.0, 2001)
+    force = law.highest_eased(speeds)
+    assert (force <= 0.8 * law.border_at(speeds)).all()
+    k = int(np.searchsorted(SPEEDS, 0.4))  # the force falls from 4000 N to 1000 N at 0.4 m/s
+    begin, below = law.border_speeds[k], law.border_forces[k - 1]
+    near = speeds[(speeds > begin) & (speeds < begin + 0.3)]
+    slowed = law.highest_eased(near) / law.force_for(1.0)  # deceleration of the disc
+    np.testing.assert_allclose(slowed**2, (0.8 * below / law.force_for(1.0)) ** 2 + 2.0 * 20.0 * (near - begin), rtol=1e-12)
+    with pytest.raises(SceneError, match="`car_jerk` needs a DiscBrake with a `wheel_radius`"):
+        BrakeForce(margin=0.8, car_jerk=5.0).design(brake())
 
 
 def test_a_border_that_is_given_is_used_in_place_of_that_of_the_plant():

@@ -15,6 +15,7 @@ from controllers import (
     LQG,
     LQR,
     PI,
+    PID,
     ActiveDamping,
     BrakeForce,
     BrakeMPC,
@@ -99,6 +100,15 @@ UNKNOWN = {"margins": "No steady running of this loop is known", "worst_case": "
 BOTH = (PI, StiffPI, SoftTorque, ActiveDamping, ZTorque, HInfinity, LQR, LQG, SlidingMode)
 LAWS = {kind.__name__: sampled(kind(**NUMBERS)) for kind in (*BOTH, ImplicitSlidingMode, SuperTwisting, ImpedanceSuperTwisting)}
 LAWS |= {f"{kind.__name__}, continuous": continuous(kind(reference=8.0)) for kind in (*BOTH, IdealSlidingMode)}
+TOP = {
+    "measured_signals": "top.speed",
+    "actuated_signals": "top.torque",
+    "proportional": 4000.0,
+    "integral": 1500.0,
+    "reference": 8.0,
+    "highest": "20 kN m",
+}
+LAWS |= {"PID": sampled(PID(**TOP)), "PID, continuous": continuous(PID(**TOP, derivative=300.0, filter_time=0.1))}
 LAWS |= {
     "LQR on estimates": sampled(StringObserverController(LQR(**NUMBERS), Kalman())),
     "LQR observed": sampled(ObserverBasedController(LQR(**NUMBERS), Kalman())),
@@ -228,6 +238,7 @@ def test_onset_answers_with_a_loss_or_says_how_far_smooth_running_holds(name):
 
 STICKING = {
     "PI",
+    "PID",
     "StiffPI",
     "SoftTorque",
     "ActiveDamping",

@@ -59,7 +59,7 @@ def test_the_border_is_that_of_runs_of_ones_own(found):
 def test_the_table_tells_what_was_asked_in_the_units_typed_and_survives_a_file(found, tmp_path):
     result, _, _ = found
     text = str(result)
-    assert text.startswith("Lowest set-points at which a law ends the stick-slip under StiffPI (62 to 110 rpm, steps of 4 rpm)")
+    assert text.startswith("Lowest set-points at which a controller ends the stick-slip under StiffPI (62 to 110 rpm, steps of 4 rpm)")
     assert "lowest [rpm]" in text and f"{result['SoftTorque', 'nominal'].lowest_set_point * 30 / np.pi:.3g}" in text
     assert repr(LowestSetPoints.load(result.save(tmp_path / "found.npz"))) == repr(result)
     lines = result.save(tmp_path / "found.csv").read_text().splitlines()

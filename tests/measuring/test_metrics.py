@@ -16,6 +16,7 @@ from toolbox.commands.command_line import main
 from toolbox.measuring import metrics
 from toolbox.measuring.metrics import METRICS, metrics_of
 from toolbox.onsets.study import COLUMNS, verdict_row
+from toolbox.scenes.verdict_table import table
 
 RIG = compose(wells.JANSEN_2, BitRock())
 WEIGHT = 97_347.0
@@ -43,13 +44,15 @@ def expected(label, run):
     bit, top = measure.extent(run, "bit.speed", 0.5), measure.extent(run, "top.torque")
     sticks = measure.stick_intervals(run, "bit", 0.5)
     every = measure.stick_intervals(run, "bit")
+    speed = run.at(np.linspace(0.5, 60.0, 59_501))["bit.speed"]
     return {
         "severity": measure.severity(run, after=0.5), "minimum": bit.minimum, "maximum": bit.maximum, "mean": bit.mean,
         "final": float(run.at(60.0)["bit.speed"]), "stuck": run.time_in("bit", "stick", after=0.5), "stuck_ratio": measure.stuck_ratio(run, "bit", 0.5),
         "sticks": len(sticks), "longest_stick": max(last - first for first, last in sticks), "last_stick": every[-1][1],
         "events": sum(event.element == "bit" for event in run.events), "settling": measure.settling(run, "bit.speed", 9.9),
         "overshoot": measure.overshoot(run, "bit.speed", 9.9), "standstill": measure.standstill(run, "bit.speed", after=0.5),
-        "peak": max(abs(top.minimum), abs(top.maximum)),
+        "peak": max(abs(top.minimum), abs(top.maximum)), "releases": sum(last < 60.0 for _, last in sticks),
+        "distance": 60.0 * measure.extent(run, "bit.speed").mean, "jerk": np.abs(speed[100:] - 2.0 * speed[50:-50] + speed[:-100]).max() / 0.05**2,
     }  # fmt: skip
 
 
@@ -139,10 +142,38 @@ def test_a_stop_is_measured_until_it_stands_by_every_verb():
     )  # fmt: skip
     (label,) = stop.labels
     row, run = verdict_row(stop, label, metrics=["standstill"])
+    assert list(row.more) == ["releases", "distance", "jerk", "standstill"]
     assert 0.2 < row.settling < 1.0 and 0.0 < row.stuck < run.time_in("pad", "stick", after=0.2)  # the last stick is that of rest
     assert measure.standstill(run, "disc.speed", 0.1, after=0.2) == row.settling
     found = sweep(stop[label], {"brake.force": [1000.0]}, metrics=("stuck", "settling"))
     assert found["stuck"][0] == pytest.approx(row.stuck, rel=1e-9) and found["settling"][0] == pytest.approx(row.settling, rel=1e-9)
+
+
+def test_releases_distance_and_jerk_of_a_stop_follow_from_its_events_and_its_speed():
+    stop = Scene.of(
+        compose(DiscBrake(wheel_radius="300 mm")), 4.0, signal="disc.car_speed", effort="brake.force", after=0.2, standstill_speed=0.03,
+        start={"disc.car_speed": 1.0}, inputs={"brake.force": 1000.0},
+    )  # fmt: skip
+    row, run = verdict_row(stop, stop.labels[0])
+    assert math.isfinite(row.settling)
+    releases = [
+        event.time for event in run.events if event.element == "pad" and event.before == "stick" and 0.2 < event.time < row.settling
+    ]
+    assert row.more["releases"] == len(releases) > 1
+    times = np.linspace(0.0, row.settling, 100_001)
+    assert row.more["distance"] == pytest.approx(np.trapezoid(run.at(times)["disc.car_speed"], times), rel=1e-7)
+    times = np.arange(0.2, row.settling + 0.1, 1e-4)
+    speed = run.at(times)["disc.car_speed"]
+    assert row.more["jerk"] == pytest.approx(np.abs(speed[1000:] - 2.0 * speed[500:-500] + speed[:-1000]).max() / 0.05**2, rel=1e-2)
+    assert "releases  distance [m]  jerk [m/s3]" in table(stop, [row]) and "severity" not in table(stop, [row])
+    rolls, _ = verdict_row(dataclasses.replace(stop, duration=0.5), stop.labels[0])
+    assert rolls.verdict == "does not stand" and rolls.more["distance"] == math.inf
+
+
+def test_distance_and_jerk_have_the_unit_of_their_signal_times_seconds():
+    block = compose(Block())
+    assert (metrics.distance("block.speed").unit_in(block), metrics.jerk("block.speed").unit_in(block)) == ("m", "m/s3")
+    assert (metrics.distance("bit.speed").unit_in(RIG), metrics.jerk("bit.speed").unit_in(RIG)) == ("rad", "rad/s3")
 
 
 def test_a_measure_without_a_compiled_form_does_not_change_the_others():

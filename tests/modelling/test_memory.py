@@ -234,8 +234,9 @@ def test_the_severity_on_bristles_is_that_of_the_set_valued_contact(running, roo
     assert measure.severity(running, "bit.speed", 100.0) == pytest.approx(measure.severity(twin, "bit.speed", 100.0), rel=0.01)
     found = [measure.severity(run, "bit.speed", 100.0) for run in (twin, running)]
     page = " ".join((root / "docs" / "friction.md").read_text().split())
-    assert f"prints {found[0]:.2f} and {found[1]:.2f}, 3.6771 and 3.6770 rad/s" in page
-    assert 50 < sum(running.steps) / sum(twin.steps) < 200 and "takes a hundred times the steps" in page
+    assert f"prints a severity of {found[0]:.2f} for `Exponential` and {found[1]:.2f} for `LuGre`" in page
+    assert "below 3.6771 rad/s with `Exponential` and below 3.6770 rad/s with `LuGre`" in page
+    assert 50 < sum(running.steps) / sum(twin.steps) < 200 and "needs a hundred times as many steps" in page
     swept = sweep(closed_loop(RIG, SoftTorque(reference=2.0)), {"bit.weight": [97_347.0]}, 300.0, metrics=["severity"])
     assert float(np.ravel(swept["severity"])[0]) == pytest.approx(measure.severity(running, "bit.speed", 150.0), rel=1e-6)
 

@@ -42,7 +42,7 @@ LISTED = {
     r"unknown +unit +mean +deviation +5 % +95 % +before$": "quantiles are named by a heading",
     r"Sources: Navarro-Lopez and Cortes \(2007\)\.$": "the year of what the numbers of the machine come from",
     r"Holds for: ": "the situation stands in no table; `tests/robustness/test_starts.py` derives its numbers",
-    r"Lowest set-points at which a law ends the stick-slip under stiff PI \(60 to 140 rpm, steps of 10 rpm\)$": "what was asked for",
+    r"Lowest set-points at which a controller ends the stick-slip under stiff PI \(60 to 140 rpm, steps of 10 rpm\)$": "what was asked for",
 }
 """{lines: why their numbers stand in no file}."""
 

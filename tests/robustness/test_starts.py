@@ -112,6 +112,12 @@ def test_a_situation_names_plant_start_design_surroundings_and_duration():
     words = str(Situation.of(loop, "smooth running", "60 s, judged from 42 s on"))
     for part in ("the nominal plant (2 inertias", "started from smooth running", "designed once", "75 rpm", "noise on top.speed", "60 s"):
         assert part in words, (part, words)
+    quiet = closed_loop(rig(), SoftTorque(reference="75 rpm"))
+    called = Sampled(lambda t, y: 8e3, "10 ms", measured_signals="top.speed", actuated_signals="top.torque", noise={"top.speed": 0.01})
+    assert "constant inputs, no noise;" in str(Situation.of(quiet, "rest", "60 s"))
+    assert "constant inputs, noise on top.speed;" in str(Situation.of(closed_loop(rig(), called), "rest", "60 s"))
+    several = Situation.of(quiet, "rest", "60 s", cases={"quiet": quiet, "noisy": loop})
+    assert "constant inputs, noise on top.speed under `noisy`;" in str(several)
     # two inertias J1, J2 on a spring k swing freely at sqrt(k (1 / J1 + 1 / J2))
     mode = math.sqrt(473.0 * (1 / 2122.0 + 1 / 374.0)) / (2 * math.pi)
     assert f"torsional mode at {mode:.3g} Hz" in words

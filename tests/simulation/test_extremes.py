@@ -52,7 +52,9 @@ LAWS = sorted(
     if isinstance(kind, type)
     and dataclasses.is_dataclass(kind)
     and issubclass(kind, Controller)
-    and not issubclass(kind, (ObserverBasedController, controllers.Lifting))  # which need another law to act on
+    and not issubclass(
+        kind, (ObserverBasedController, controllers.Lifting, controllers.PID)
+    )  # which need another law to act on, or signals
 )
 PERIOD = {"LinearMPC": 0.1, "NonlinearMPC": 0.1, "BrakeMPC": 0.03}
 CONTINUOUS = ("IdealSlidingMode", "HeldSpeed")

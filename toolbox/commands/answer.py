@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import number
+from toolbox.commands.interrupt import goes_on
 from toolbox.commands.margins import wrong_numbers
 from toolbox.commands.recording import answer
 from toolbox.commands.terminal import common, plain, ranges
 from toolbox.errors import SceneError
-
-GOES_ON = "interrupted; the same call goes on from here."
 
 
 def add(commands: Any) -> None:
@@ -50,7 +49,7 @@ def add(commands: Any) -> None:
         help="a number that may be off, one at a time; may be repeated; 10 %% of the weight without",
     )
     verb.add_argument("--duration", default="200 s", metavar="T", help="time for which a run lasts at least ('200 s')")
-    verb.set_defaults(action=run, spelled={"bounds": "--range"}, words=lambda given: GOES_ON if given.out else "interrupted.")
+    verb.set_defaults(action=run, spelled={"bounds": "--range"}, words=lambda given: goes_on(given.out))
 
 
 def run(given: argparse.Namespace) -> int:

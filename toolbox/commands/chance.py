@@ -7,9 +7,10 @@ import dataclasses
 from typing import Any
 
 from toolbox.arguments import numbers
+from toolbox.commands.interrupt import goes_on
 from toolbox.commands.recording import answer
 from toolbox.commands.terminal import asked_otherwise, common, loaded, plain, ranges
-from toolbox.commands.uncertainty import GOES_ON, add_uncertain, left_out, uncertain_of, with_numbers
+from toolbox.commands.uncertainty import add_uncertain, left_out, uncertain_of, with_numbers
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
 
@@ -41,7 +42,7 @@ def add(commands: Any) -> None:
     verb.set_defaults(
         action=run,
         spelled={"uncertainty": "--uncertainty", "others": "--uncertainty"},
-        words=lambda given: GOES_ON if given.out else "interrupted.",
+        words=lambda given: goes_on(given.out),
     )
 
 

@@ -21,6 +21,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import nullcontext, redirect_stdout
+from functools import partial
 from importlib import import_module
 from itertools import pairwise
 from typing import Any, NoReturn
@@ -63,7 +64,7 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> int:
     """Run the command line and return its exit code; the errors of a user are one line on stderr. watch: of a process that is ended by an interrupt."""
-    words, given = NOTHING, argparse.Namespace()
+    message, given = (lambda: NOTHING), argparse.Namespace()
     try:
         given = _parsed(arguments)
         from toolbox.commands import environment  # here, because `--version`, the help and the completion of a word need none of it
@@ -73,12 +74,12 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         from toolbox.files.writable import check_folder
 
         given.line = shlex.join(["stickslip", *(sys.argv[1:] if arguments is None else arguments)])
-        words = given.words(given)
+        message = partial(given.words, given)
         environment.check()
         if getattr(given, "out", None) is not None:
             check_folder(given.out)
         if watch is not None:
-            watch.words = words
+            watch.message = message
         with (
             sign_of_life(f"{given.parser.prog.rpartition(' ')[2]} is at work"),
             noted() as given.read,
@@ -109,7 +110,7 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         return complaint(f"{error.filename or getattr(given, 'out', None) or 'Output'}: {error.strerror or error}.", 1)
     except KeyboardInterrupt as interrupt:
         notes = getattr(interrupt, "__notes__", [])
-        words = f"interrupted; {notes[0]}" if notes else words
+        words = f"interrupted; {notes[0]}" if notes else message()
         if watch is not None:
             watch.interrupted(words)
         return complaint(words, INTERRUPTED)

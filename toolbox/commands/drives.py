@@ -13,6 +13,7 @@ from typing import Any
 
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
+from toolbox.commands.interrupt import goes_on
 from toolbox.commands.recording import results
 from toolbox.commands.schedule import law_of
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, ranges, show, side_by_side
@@ -26,7 +27,6 @@ TAKES_PART = "be one law of `top.torque` to take part"
 
 SET_POINT = "top.reference"
 """The number whose range is searched."""
-GOES_ON = "interrupted; the same call goes on from here."
 
 
 def add(commands: Any) -> None:
@@ -87,7 +87,7 @@ def add(commands: Any) -> None:
     )
     table.add_argument("--sample-time", default="10 ms", metavar="T", help="of controllers for which the scene says none ('10 ms')")
     table.add_argument("--delay", default="30 ms", metavar="T", help="of these ('30 ms')")
-    table.set_defaults(action=run, spelled={"bounds": "--range"}, words=lambda given: GOES_ON if given.out else "interrupted.")
+    table.set_defaults(action=run, spelled={"bounds": "--range"}, words=lambda given: goes_on(given.out))
 
 
 def run(given: argparse.Namespace) -> int:
@@ -134,7 +134,7 @@ def run(given: argparse.Namespace) -> int:
             scene.save(made / "scene.toml")
             figures.draw_found(found, scene.title, made / f"setpoints.{given.format}")
     show(text.rstrip("\n"))
-    if given.out:
+    if given.out and found is not None:
         print(f"\nTable, figure and what is known of single set-points are in {given.out}")
     return 0 if found is not None else 1
 

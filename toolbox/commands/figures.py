@@ -26,20 +26,40 @@ def draw(scene: Scene, title: str, run: Trajectory, traces: Path, phase: Path) -
     from toolbox.simulation.main_signals import position_of
 
     plot = _plot()
-    _write(plot.traces(run), title, traces)
+    until = shown_until(scene, [run])
+    _write(plot.traces(run, until=until), title, traces)
     position = position_of(scene.plant(), scene.signal)
     if position is not None:
         after = scene.after if scene.standstill_speed is None and scene.after < run.end else run.begin
-        ax = plot.phase_plane(run, position, scene.signal, scene.judged_contact, after=after)
+        ax = plot.phase_plane(run, position, scene.signal, scene.judged_contact, after=after, until=until)
         if after > run.begin:
             _before(ax, run, position, scene.signal, after)
         _set_point(scene, [ax])
         _write(ax, title, phase)
 
 
+def shown_until(scene: Scene, runs: Sequence[Trajectory]) -> float | None:
+    """Return the time [s] until which runs are drawn: for a stop a little more than until the last one stands; None for whole runs.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    runs
+        Its runs.
+    """
+    if scene.standstill_speed is None:
+        return None
+    from toolbox.measuring.measure import standstill
+
+    stands = max(standstill(run, scene.signal, scene.standstill_speed) for run in runs)
+    end = max(run.end for run in runs)
+    return end if stands <= 0.0 else min(1.1 * stands, end)
+
+
 def draw_comparison(scene: Scene, runs: Mapping[str, Trajectory], path: Path) -> None:
     """Write the figure of the judged signal under every controller; runs: {title of its panel: run}."""
-    panels = _plot().comparison(runs, scene.signal, scene.judged_contact)
+    panels = _plot().comparison(runs, scene.signal, scene.judged_contact, until=shown_until(scene, list(runs.values())))
     _set_point(scene, panels)
     _write(panels, scene.title, path)
 

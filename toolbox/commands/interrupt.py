@@ -14,6 +14,8 @@ import signal
 import socket
 import sys
 import threading
+from collections.abc import Callable
+from pathlib import Path
 from typing import NoReturn
 
 from toolbox.files.interrupts import GATE, clear_temporary
@@ -25,7 +27,10 @@ TERMINATED = 143
 """Exit code of what was asked to end by SIGTERM, as the system and batch queues do."""
 
 NOTHING = "interrupted, and nothing was written."
-"""What is said of most commands."""
+"""Message of most commands."""
+
+GOES_ON = "interrupted; the same call goes on from here."
+"""Message of a command whose folder holds a part of its results."""
 
 MOMENT = 0.5
 """Seconds that a sweep has to keep what is finished and to say how much that is."""
@@ -38,10 +43,11 @@ LAST = 2.0
 
 
 class Watch:
-    """What looks after the interrupts of a process. words: what it says of them."""
+    """Watch over the interrupts of a process. message: function that gives its line on stderr, called when the interrupt comes."""
 
     def __init__(self) -> None:
-        self.words, self._code = NOTHING, INTERRUPTED
+        self.message: Callable[[], str] = lambda: NOTHING
+        self._code = INTERRUPTED
         self._out, self._ending = threading.Event(), threading.Lock()
         self._woken, self._wakes = socket.socketpair()
         self._wakes.setblocking(False)
@@ -57,7 +63,7 @@ class Watch:
     def interrupted(self, words: str = "") -> NoReturn:
         """End the process from its main thread."""
         self._out.set()
-        self._end(words or self.words)
+        self._end(words or self.message())
 
     def over(self, code: int) -> NoReturn:
         """End the process with the exit code of its result, unless it was interrupted before that was in place."""
@@ -75,7 +81,7 @@ class Watch:
         if GATE.keeping:
             self._out.wait(MOMENT)
         if GATE.closed(PLACING):
-            self._end(self.words)
+            self._end(self.message())
 
     def _end(self, words: str) -> NoReturn:
         self._ending.acquire()  # and never released: whoever comes second waits for the end
@@ -92,6 +98,30 @@ class Watch:
         with contextlib.suppress(Exception):
             _without_workers()
         os._exit(self._code)
+
+
+def goes_on(folder: Path | None) -> str:
+    """Return the message of a command that keeps results in a folder as they come: that the same call goes on, if the folder holds any.
+
+    Parameters
+    ----------
+    folder
+        Folder of the results; None for a command that was given none.
+    """
+    if folder is None:
+        return "interrupted."
+    with contextlib.suppress(OSError):
+        if any(_is_kept(path) for path in folder.rglob("*")):
+            return GOES_ON
+    return NOTHING
+
+
+def _is_kept(path: Path) -> bool:
+    """Whether a search goes on from a file or folder: a journal with a result behind its first line, the store of a sweep, or finished results."""
+    if path.suffix == ".jsonl":
+        with path.open("rb") as file:
+            return bool(file.readline() and file.readline())
+    return path.suffix in (".zarr", ".npz")
 
 
 def _noted(number: int, frame: object) -> None:

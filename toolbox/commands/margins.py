@@ -101,7 +101,7 @@ def run(given: argparse.Namespace) -> int:
             _save(scene, found, stems, folder, given.format)
     show(text.rstrip("\n"))
     if given.out:
-        print(f"\nReport, tables and figures are in {given.out}")
+        print(f"\n{'Report, tables and figures are' if any(found.values()) else 'The report is'} in {given.out}")
     return 0 if any(found.values()) else 1
 
 

@@ -108,7 +108,7 @@ def run(given: argparse.Namespace) -> int:
             _save(scene, found, dict(zip(labels, stems, strict=True)), folder, given.format)
     show(text.rstrip("\n"))
     if given.out:
-        print(f"\nFigure, report and tables are in {given.out}")
+        print(f"\n{'Figure, report and tables are' if onsets else 'The report is'} in {given.out}")
     return 0 if onsets else 1
 
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import whole
 from toolbox.commands import figures
+from toolbox.commands.interrupt import goes_on
 from toolbox.commands.recording import answer
 from toolbox.commands.terminal import common, log_arguments, pairs, plain, show, span
-from toolbox.commands.uncertainty import DISTRIBUTIONS, GOES_ON, distributions
+from toolbox.commands.uncertainty import DISTRIBUTIONS, distributions
 from toolbox.errors import SceneError
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def add(commands: Any) -> None:
             "compare": "--compare",
             "length": "--mean",
         },
-        words=lambda given: GOES_ON if given.out else "interrupted.",
+        words=lambda given: goes_on(given.out),
     )
 
 

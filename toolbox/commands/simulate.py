@@ -55,6 +55,7 @@ def run(given: argparse.Namespace) -> int:
     declared = hasattr(scene, "save") and scene.duration > 0  # a body with many contacts has arrays that no scene holds
     printed, texts = [scene.title], [scene.title]
     given.found, given.failures = {"title": scene.title, "runs": {}}, {}
+    drawn = False
     with (
         results(
             given,
@@ -84,6 +85,7 @@ def run(given: argparse.Namespace) -> int:
                 found.to_csv(folder / f"{stem}.csv")
                 title = scene.title if len(scene.labels) == 1 else f"{scene.title}: {label}"
                 figures.draw_found(found, title, folder / f"{stem}.{given.format}")
+                drawn = True
                 after.append(f"  files {stem}: npz, csv, {given.format}")
             printed.append("\n".join([*before, *([] if found is None else [str(found)]), *after]))
             texts.append("\n".join([*before, *([] if found is None else [str(untimed(found))]), *after]))
@@ -93,7 +95,7 @@ def run(given: argparse.Namespace) -> int:
             (folder / REPORT).write_text(f"Simulation of {_joined(texts)}\n", encoding="utf-8")
     show(_joined(printed))
     if given.out:
-        print(f"\nReport, figures and data are in {given.out}")
+        print(f"\n{'Report, figures and data are' if drawn else 'The report is'} in {given.out}")
     return 1 if len(given.failures) == len(labels) else 0
 
 

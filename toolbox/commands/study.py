@@ -94,7 +94,7 @@ def run(given: argparse.Namespace) -> int:
         notes += [f"{label}: {unstable}" for label in scene.labels if (unstable := instability(scene[label]))]
         (folder / "study.txt").write_text("\n\n".join([table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
     show("\n\n".join([table(scene, rows), *notes]))
-    print(f"\nFigures, trajectories, table and scene are in {given.out}")
+    print(f"\n{'Figures, trajectories, table and scene' if runs else 'Table and scene'} are in {given.out}")
     return 1 if all(row.failed for row in rows) else 0
 
 

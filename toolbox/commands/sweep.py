@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import numbers
 from toolbox.commands import figures
+from toolbox.commands.interrupt import goes_on
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import (
     asked_otherwise,
@@ -38,8 +39,6 @@ SAMPLINGS = ("grid", "random", "latin-hypercube", "sobol")
 
 SWEEP_FILES = ("sweep.txt", "sweep.csv", "scene.toml")
 MAP_FILES = ("map.txt", "map.png", "map.csv", "borders.csv", "scene.toml")
-
-GOES_ON = "interrupted; the same call goes on from here."
 
 
 def add(commands: Any) -> None:
@@ -76,7 +75,7 @@ def add(commands: Any) -> None:
         help="what is measured, of `stickslip list metrics` (severity, stuck_ratio); may be repeated",
     )
     asked_otherwise(many)
-    many.set_defaults(action=run, spelled={"metrics": "--metric", "ranges": "--range"}, words=lambda given: GOES_ON)
+    many.set_defaults(action=run, spelled={"metrics": "--metric", "ranges": "--range"}, words=lambda given: goes_on(given.out))
     chart = commands.add_parser(
         "map",
         parents=[common("folder for the results; that of an interrupted map is continued", required=True)],
@@ -95,7 +94,7 @@ def add(commands: Any) -> None:
         metavar="NAME[,NAME...]=PART",
         help="numbers that are lower and higher by this part together (20%%), on two more maps, and what is left of the declared one",
     )
-    chart.set_defaults(action=run_map, spelled={"ranges": "--range"}, words=lambda given: GOES_ON)
+    chart.set_defaults(action=run_map, spelled={"ranges": "--range"}, words=lambda given: goes_on(given.out))
 
 
 def two_ranges(verb: argparse.ArgumentParser, what: str) -> None:
@@ -243,7 +242,8 @@ def run_map(given: argparse.Namespace) -> int:
     check_some(failures, labels)
     for label, failure in failures.items():
         print(f"{label}: {failure}\n")
-    print(f"Figures, reports and data are in {given.out}")
+    if given.found:
+        print(f"Figures, reports and data are in {given.out}")
     return 1 if len(failures) == len(labels) else 0
 
 

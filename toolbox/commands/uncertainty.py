@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
 
 
-GOES_ON = "interrupted; the same call goes on from here."
-
-
 DISTRIBUTIONS = "a normal distribution NAME='97 kN +- 8 kN' or NAME='97 kN +- 8 %%', or a uniform one NAME=LOW:HIGH"
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from toolbox.commands.interrupt import goes_on
 from toolbox.commands.recording import answer
 from toolbox.commands.schedule import depths_of_well, law_and_well
-from toolbox.commands.sweep import GOES_ON, shape_of, two_ranges
+from toolbox.commands.sweep import shape_of, two_ranges
 from toolbox.commands.terminal import common, plain, ranges
 
 
@@ -32,9 +33,7 @@ def add(commands: Any) -> None:
         "--along", nargs="+", metavar="VALUE", help="values of the second number at which windows are read; five over its range"
     )
     verb.add_argument("--shape", default="13x7", metavar="NxM", help="points of the map of a depth along both (13x7)")
-    verb.set_defaults(
-        action=run, spelled={"depths": "--depths", "along": "--along"}, words=lambda given: GOES_ON if given.out else "interrupted."
-    )
+    verb.set_defaults(action=run, spelled={"depths": "--depths", "along": "--along"}, words=lambda given: goes_on(given.out))
 
 
 def run(given: argparse.Namespace) -> int:

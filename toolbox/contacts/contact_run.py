@@ -369,11 +369,13 @@ class ContactRun(Renamed):
         plane = face_of(self.problem.contact_positions)
         if values == "mode":
             return draw_modes(plane, self.contact_modes[i], ax)
-        scales = {"pressure": (1e-6, "MPa"), "traction": (1e-6, "MPa"), "friction_work": (1e9, "nJ")}
-        if values not in scales:
+        if values not in ("pressure", "traction", "friction_work"):
             raise SceneError(f"Argument `values` must be mode, pressure, traction or friction_work, but it is {values!r}.")
-        factor, unit = scales[values]
-        return draw_field(plane, factor * getattr(self, values)[i], f"{values.replace('_', ' ')} [{unit}]", ax)
+        field = getattr(self, values)[i]
+        energies = ((1.0, "J"), (1e3, "mJ"), (1e6, "uJ"), (1e9, "nJ"))
+        large = [entry for entry in energies if entry[0] * np.abs(field).max() >= 1.0]
+        factor, unit = (1e-6, "MPa") if values != "friction_work" else large[0] if large else energies[-1]
+        return draw_field(plane, factor * field, f"{values.replace('_', ' ')} [{unit}]", ax)
 
     def animate(self, path: Any, frames: int = 60, seconds: float = 6.0) -> None:
         """Write an animation (.gif) of stick, slip and open contacts on the face, beside the fraction that sticks."""

@@ -77,6 +77,7 @@ def draw_run(run: Any) -> Any:
         for word, ax in axes.items():
             if word in ("1", "2", "3", "traction", "friction_work"):
                 ax.set(ylabel="")
+                ax.tick_params(labelleft=False)
             if word.isdigit():
                 ax.set(xlabel="")
         axes["legend"].axis("off")
@@ -97,8 +98,10 @@ def draw_modes(places: np.ndarray, modes: np.ndarray, ax: Any = None) -> Any:
 def draw_field(places: np.ndarray, values: np.ndarray, label: str, ax: Any = None) -> Any:
     """Values (c,) of contacts at places (c, 2) [m], with a bar of tones."""
     ax = ax or plt.subplots(layout="constrained")[1]
-    drawn = ax.scatter(*(1e3 * places.T), c=values, cmap="viridis", marker="s", s=1.6 * _size(places, ax))
-    ax.figure.colorbar(drawn, ax=ax, label=label, shrink=0.8)
+    same = np.ptp(values) <= 1e-6 * np.abs(values).max()  # then the tones would show round-off
+    low, high = (min(values[0], 0.0), max(values[0], 0.0)) if same else (values.min(), values.max())
+    drawn = ax.scatter(*(1e3 * places.T), c=values, cmap="viridis", vmin=low, vmax=high, marker="s", s=1.6 * _size(places, ax))
+    ax.figure.colorbar(drawn, ax=ax, label=label, shrink=0.8, location="bottom")
     return _framed(ax, places)
 
 
@@ -146,7 +149,11 @@ def _size(places: np.ndarray, ax: Any) -> float:
 
 
 def _framed(ax: Any, places: np.ndarray) -> Any:
-    ax.set_aspect("equal" if np.ptp(places, axis=0).all() else "auto")
+    sizes = np.ptp(places, axis=0)
+    ax.set_aspect("equal" if sizes.all() else "auto")
+    for axis, size, place in zip((ax.xaxis, ax.yaxis), sizes, places[0], strict=True):
+        if not size:  # contacts on a line
+            axis.set_ticks([1e3 * place])
     ax.set(xlabel="x [mm]", ylabel="y [mm]")
     ax.margins(*(max(0.05, 0.6 / max(count - 1, 2)) for count in _across(places)))  # the marks of a coarse face are large, and at its rim
     if ax.get_legend_handles_labels()[1]:

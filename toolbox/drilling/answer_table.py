@@ -124,7 +124,7 @@ def answers(
     lasts = number("duration", duration, "s", above=0)
     asked = {**first.display_units, **({} if bounds is None else {free.unit: asked_in(numbers("bounds", bounds, free.unit), free.unit)})}
     design = "each controller designed once, at the set-point of the scene, which is turned like a knob"
-    situation = Situation.of(first, "", f"{lasts:g} s at least, carried on until the regime is decided", design=design)
+    situation = Situation.of(first, "", f"{lasts:g} s at least, carried on until the regime is decided", design=design, cases=loops)
     situation = dataclasses.replace(situation, start="started as the head of each column says")
     found = Answers(
         title or first.title, type(getattr(initial_controller, "law", initial_controller)).__name__, free.name, free.unit, free.value, (low, high), grid,

@@ -317,7 +317,7 @@ class LowestSetPoints(Result):
         """Sentence that describes the search."""
         factor, unit = reading("rad/s", self.display_units)
         low, high, step = (f"{value * factor:.3g}" for value in (*self.bounds, self.step))
-        return f"Lowest set-points at which a law ends the stick-slip under {self.initial_controller} ({low} to {high} {unit}, steps of {step} {unit})"
+        return f"Lowest set-points at which a controller ends the stick-slip under {self.initial_controller} ({low} to {high} {unit}, steps of {step} {unit})"
 
     def __str__(self) -> str:
         lines = self.rows

@@ -94,8 +94,7 @@ def whole_folder(path: Path, names: Sequence[str], left_by: Callable[[Path], set
     Raises SceneError, before the block runs, where `path` cannot be written and where a file in the way is not from an earlier study.
     """
     path, used = Path(os.path.realpath(path)), Path.cwd()
-    ground, exists = check_folder(path), path.is_dir()
-    earlier = left_by(path) if exists else set()
+    ground, exists, earlier = check_folder(path), path.is_dir(), left_by(path) if path.is_dir() else set()
     if hidden := [name for name in names if os.path.lexists(path / name) and name not in earlier]:
         raise SceneError(f"Argument `--out` must not hide your own files, but `{path / hidden[0]}` is not from an earlier study.")
     moves = os.access(path.parent, os.W_OK | os.X_OK) and not os.path.ismount(path) and path not in (used, *used.parents)

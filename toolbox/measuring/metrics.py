@@ -11,9 +11,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from toolbox.arguments import number
 from toolbox.errors import SceneError, suggest
@@ -39,7 +42,9 @@ class Metric:
     looks_at
         "speed", "contact" or "effort": what the loop judges, where `of` does not say another; empty for a function of the whole run.
     unit
-        Its unit; empty for that of its signal.
+        Its unit; empty for the unit of its signal.
+    order
+        Seconds in its unit beside the unit of its signal: 1 for an integral over time, -2 for a second derivative.
     function
         What reads it from a run: (run, of, after=, until=, and the settings) -> number; of the whole run, (run) -> number.
     compiled
@@ -65,6 +70,7 @@ class Metric:
     of: str = ""
     after: float | None = None
     until: float | None = None
+    order: int = 0
 
     def __call__(self, of: str, after: NumberOrText = 0.0, until: NumberOrText | None = None, **settings: Any) -> Metric:
         """The same measure of a signal or an element, between `after` and `until` [s] (the end of the run); settings as its function takes them."""
@@ -92,7 +98,7 @@ class Metric:
 
     def unit_in(self, machine: HybridSystem | Recorded) -> str:
         """Unit of the number, of a system or a run."""
-        return self.unit or machine.unit(self.of)
+        return self.unit or times_seconds(machine.unit(self.of), self.order)
 
     def read(self, run: Recorded) -> float:
         """The number of a run. Raises SceneError where the run has not what it looks at, and where nobody says what that is."""
@@ -122,6 +128,28 @@ class Metric:
             raise SceneError(f"Argument `signal` must be a scalar, but `{self.of}` has several entries: name one, e.g. `{self.of}.0`.")
         if self.name == "severity":
             check_definition(*(dict(self.settings)[word] for word in ("definition", "reference")))
+
+
+def times_seconds(unit: str, order: int) -> str:
+    """Return a unit times a power of the second.
+
+    Parameters
+    ----------
+    unit
+        The unit, such as "m/s".
+    order
+        The power of the second.
+
+    Examples
+    --------
+    >>> from toolbox.measuring.metrics import times_seconds
+    >>> times_seconds("m/s", 1), times_seconds("m/s", -2), times_seconds("N", 1)
+    ('m', 'm/s3', 'N s')
+    """
+    found = re.fullmatch(r"(.+)/s(\d*)", unit)
+    base, power = (found[1], order - int(found[2] or 1)) if found else (unit, order)
+    size = "" if abs(power) == 1 else str(abs(power))
+    return base if power == 0 else f"{base}/s{size}" if power < 0 else f"{base} s{size}"
 
 
 # ---------------------------------------------------------------------------------------------------------------------- what reads them from a run
@@ -168,6 +196,31 @@ def _events(run: Recorded, of: str, after: float, until: float | None) -> float:
     return sum(event.element == of and begin <= event.time <= end for event in run.events)
 
 
+def _releases(run: Recorded, of: str, after: float, until: float | None) -> float:
+    _, end = window(run, after, until)
+    return sum(last < end for _, last in measure.stick_intervals(run, of, after, until))
+
+
+def _distance(run: Recorded, of: str, after: float, until: float | None) -> float:
+    begin, end = window(run, after, until)
+    return measure.extent(run, of, begin, end).mean * (end - begin)
+
+
+def _jerk(run: Recorded, of: str, after: float, until: float | None, average: float) -> float:
+    begin, end = window(run, after, until)
+    if end - begin < 2.0 * average:
+        return math.nan
+    count = math.ceil(PER_AVERAGE * (end - begin) / average)
+    speed = run.at(np.linspace(begin, end, count + 1))[of]
+    step, width = (end - begin) / count, PER_AVERAGE
+    mean = (speed[width:] - speed[:-width]) / (width * step)
+    return float(np.abs(mean[width:] - mean[:-width]).max()) / (width * step)
+
+
+PER_AVERAGE = 50
+"""Samples in the time over which an acceleration is averaged for its jerk."""
+
+
 # ------------------------------------------------------------------------------------------------------------------------------------- the list
 _STICK = (("mode", "stick"),)
 
@@ -187,12 +240,16 @@ events = Metric("events", "switches", "contact", "1", _events, "switches", True)
 settling = Metric("settling", "settling time", "speed", "s", measure.settling, "", True, (("target", None), ("band", 0.02), ("size", None)))
 overshoot = Metric("overshoot", "overshoot", "speed", "1", measure.overshoot, "", True, (("target", None), ("size", None)))
 standstill = Metric("standstill", "time of standstill", "speed", "s", measure.standstill, settings=(("speed", 0.0),))
+releases = Metric("releases", "releases from stick", "contact", "1", _releases)
+distance = Metric("distance", "distance", "speed", "", _distance, whole=True, order=1)
+jerk = Metric("jerk", "largest jerk", "speed", "", _jerk, order=-2, settings=(("average", 0.05),))
 peak = Metric("peak", "largest size", "effort", "", _peak, "peak", True)
 
 METRICS: Mapping[str, Metric] = {
     each.name: each
     for each in (
-        severity, minimum, maximum, mean, final, time_in, stuck_ratio, stays, longest_stay, last_stay, events, settling, overshoot, standstill, peak,
+        severity, minimum, maximum, mean, final, time_in, stuck_ratio, stays, longest_stay, last_stay, events, settling, overshoot, standstill,
+        releases, distance, jerk, peak,
     )
 }  # fmt: skip
 """Every measure by its name."""

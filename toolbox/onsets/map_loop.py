@@ -23,7 +23,9 @@ from toolbox.onsets.carried import JudgedRuns
 from toolbox.onsets.growth import SmoothBranch, check_autonomous
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.request import Request, accuracy_of
-from toolbox.steady_states.linear import holding_elements, residual_functions, steady_state
+from toolbox.steady_states.equilibria import state_values
+from toolbox.steady_states.linear import holding_elements, open_limits, residual_functions, steady_state
+from toolbox.steady_states.zeros import vanishes
 
 SMOOTH, SWING, STICK_SLIP, STUCK, NONE = 0, 1, 2, 3, -1
 VERDICTS = {judge.SMOOTH: SMOOTH, judge.SWINGS: SWING, judge.STICKS: STICK_SLIP, judge.STANDS: STUCK}
@@ -147,17 +149,31 @@ class SteadyPlane:
                     break
             before = part
         scale = np.abs(x).max(axis=0) + 1e-300
-        slips = np.array(residual(0.0, x, u, values, m)[1])
+        flow, slips = (np.array(v) for v in residual(0.0, x, u, values, m))
+        of_flow = np.array(slopes(0.0, x, u, values, m)[0]).reshape(-1, size, n).transpose(1, 0, 2)
         sliding = np.array([e.law is not None for e in self.closed.elements]) & (modes != 0.0)
         found = (
             np.isfinite(x).all(axis=0)
             & (np.abs(step).max(axis=0) <= 1e-8 * scale)
             & (slips[sliding] * modes[sliding, None] > 0).all(axis=0)
         )
+        for k in np.flatnonzero(found).tolist():  # behind a limit a step is zero, too
+            found[k] = vanishes(flow[:, k], np.abs(of_flow[k]) @ np.abs(x[:, k]) + 1e-300, of_flow[k], n)
         for k, place in enumerate(new):
             plant = copy.copy(self.closed)
             plant.values = values[:, k].copy()
-            self.known[place] = Equilibrium(plant, x[:, k].copy(), u[:, k].copy(), self.middle.modes) if found[k] else None
+            point = Equilibrium(plant, x[:, k].copy(), u[:, k].copy(), self.middle.modes)
+            self.known[place] = point if found[k] else self._past_limits(point)
+
+    def _past_limits(self, missed: Equilibrium) -> Equilibrium | None:
+        """The steady state by the search that passes limits, behind which Newton's method has no slope; None for a plant without limits."""
+        if open_limits(missed.plant) is None:
+            return None
+        try:
+            inputs = dict(zip(missed.plant.inputs, missed.inputs.tolist(), strict=True))
+            return steady_state(missed.plant, inputs, state_values(self.closed, self.middle.states), missed.modes)
+        except NoSteadyState:
+            return None
 
 
 def steady_plane(loop: ClosedLoop, plane: Plane, mode: Mapping[str, str] | None, guess: Mapping[str, Any] | None) -> SteadyPlane | None:

@@ -39,7 +39,9 @@ def verdict_row(scene: Scene, label: str, files: str = "", metrics: Any = ()) ->
 
     A run that fails is a row as well, with the trajectory so far.
     """
-    further = judged_measures(metrics, scene[label], 0.0, scene.duration) if metrics else {}
+    further = {} if scene.standstill_speed is None else judged_measures(STOP, scene[label], 0.0, scene.duration)
+    if metrics:
+        further |= judged_measures(metrics, scene[label], 0.0, scene.duration)
     try:
         run = scene.run(label)
     except SimulationError as failure:
@@ -58,6 +60,10 @@ WORDS = {STICKS: STICK_SLIP, STANDS: STUCK, SWINGS: SWING}
 
 COLUMNS = ("stuck", "severity", "settling", "overshoot", "peak")
 """Measures of the verdict, by the names of their columns."""
+
+
+STOP = ("releases", "distance", "jerk")
+"""Further measures of a stop."""
 
 
 def _number_of(name: str, run: Trajectory) -> float:

@@ -171,7 +171,7 @@ def chance(
     names = [first.number(name) for name in points.names]
     begun = start_in_words(first) if start is None else "a start of its own for each draw"
     lasts = f"{longest:.4g} s, carried on until the regime is decided"
-    situation = Situation.of(first, begun, lasts, plants=f"{draws} plants with drawn numbers at each point")
+    situation = Situation.of(first, begun, lasts, plants=f"{draws} plants with drawn numbers at each point", cases=loops)
     return Chance(
         title=first.title, labels=tuple(loops), names=points.names, units=tuple(each.unit for each in names), axes=points.axes,
         uncertainty=known_as(uncertainty, known.names, draws),

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import casadi as ca
 
 from toolbox.errors import SceneError, suggest
 from toolbox.measuring import measure
-from toolbox.measuring.metrics import Metric, metrics_of, settling, standstill, time_in
+from toolbox.measuring.metrics import Metric, distance, jerk, metrics_of, releases, settling, standstill, time_in
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.drive import EFFORTS, drive_among
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -108,6 +110,9 @@ def _judged(display_units: Metric, judge: ClosedLoop | Recorded, after: float, a
     elif stops is not None and display_units.name == settling.name:
         settings = {"speed": stops}
         display_units = dataclasses.replace(standstill, name=display_units.name)
+    elif scene is not None and stops is not None and display_units.name in STOPPED:
+        before = partial(_before_standstill, display_units.function, scene.signal or of, stops)
+        display_units = dataclasses.replace(display_units, function=before)
     elif "target" in settings and settings["target"] is None:
         machine = judge.system if isinstance(judge, ClosedLoop) else judge
         settings["target"] = scene.reference if scene is not None and of == scene.signal else set_point(machine, of)
@@ -154,6 +159,21 @@ def sticks_before_standstill(
         stands = measure.standstill(run, signal, speed, after=after)
     sticks = measure.stick_intervals(run, element, after, min(stands, run.end)) if stands > after else []
     return sticks[:-1] if sticks and sticks[-1][1] >= stands else sticks
+
+
+STOPPED = (releases.name, distance.name, jerk.name)
+"""Metrics of a stop that end with its standstill."""
+
+
+def _before_standstill(
+    function: Any, signal: str, speed: float, run: Recorded, of: str, after: float, until: float | None, **settings: float
+) -> float:
+    """A metric of a stop until a signal falls to `speed`; with the jerk of the halt itself. A distance is inf if the signal never falls so far."""
+    stands = measure.standstill(run, signal, speed, after=run.begin)
+    if stands == math.inf and function is distance.function:
+        return math.inf
+    last = min(stands + 2.0 * settings.get("average", 0.0), run.end if until is None else until)
+    return float(function(run, of, after=after, until=last, **settings)) if last > after else math.nan
 
 
 def _stuck_before_standstill(run: Recorded, of: str, after: float, until: float | None, mode: str, signal: str, speed: float) -> float:

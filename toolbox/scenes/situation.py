@@ -7,6 +7,7 @@ whether the controllers were designed once, what acted from outside, and for how
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,7 +45,16 @@ class Situation:
         return f"Holds for: {'; '.join(part for part in vars(self).values() if part)}."
 
     @classmethod
-    def of(cls, loop: ClosedLoop, start: str, duration: str, *, plants: str = "the nominal plant", design: str = "") -> Situation:
+    def of(
+        cls,
+        loop: ClosedLoop,
+        start: str,
+        duration: str,
+        *,
+        plants: str = "the nominal plant",
+        design: str = "",
+        cases: Mapping[str, ClosedLoop] | None = None,
+    ) -> Situation:
         """Return the situation of verdicts on a loop.
 
         Parameters
@@ -57,10 +67,12 @@ class Situation:
             The plants that were judged, in words.
         design
             How the controllers were designed, in words; by default once, at the set-point of the loop.
+        cases
+            {label: loop} of all loops that were judged, whose inputs and noise may differ; by default only this loop.
         """
         lumped = [words for part in loop.plant.parts if (words := getattr(part, "mode_summary", ""))]
         plant = plants + "".join(f" ({words})" for words in lumped)
-        return cls(plant, f"started from {start}", design or _design(loop), _surroundings(loop), duration)
+        return cls(plant, f"started from {start}", design or _design(loop), _surroundings(cases or {"": loop}), duration)
 
 
 def start_in_words(loop: ClosedLoop) -> str:
@@ -91,9 +103,17 @@ def _design(loop: ClosedLoop) -> str:
     return f"controller designed once, for this plant at {number.name} = {number.value * read.factor:.4g}{read.tail}"
 
 
-def _surroundings(loop: ClosedLoop) -> str:
-    """Inputs that vary and noise of the sensors, in words."""
-    varying = [name for name, value in loop.input_values.items() if not isinstance(value, (int, float))]
-    noise = sorted({name for law in loop.controllers if isinstance(law, Sampled) for name in law.noise})
+def _surroundings(cases: Mapping[str, ClosedLoop]) -> str:
+    """Inputs that vary and noise of the sensors, in words; with the labels of the cases that have the noise, unless all have the same."""
+    varying = dict.fromkeys(
+        name for loop in cases.values() for name, value in loop.input_values.items() if not isinstance(value, (int, float))
+    )
+    noisy: dict[tuple[str, ...], list[str]] = {}
+    for label, loop in cases.items():
+        noisy.setdefault(tuple(sorted({name for update in loop.system.updates for name in update.channels})), []).append(label)
     words = [f"{', '.join(varying)} over time" if varying else "constant inputs"]
-    return ", ".join([*words, f"noise on {', '.join(noise)}" if noise else "no noise"])
+    for names, labels in noisy.items():
+        if names:
+            under = f" under {', '.join(f'`{label}`' for label in labels)}" if len(noisy) > 1 else ""
+            words.append(f"noise on {', '.join(names)}{under}")
+    return ", ".join(words if any(noisy) else [*words, "no noise"])

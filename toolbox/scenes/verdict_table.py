@@ -11,11 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from toolbox.errors import SceneError
 from toolbox.files import tables
 from toolbox.files.archives import understood
 from toolbox.files.printing import columns, shown
 from toolbox.files.reading import TEXT, text_of
 from toolbox.files.unit_systems import reading
+from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.situation import Situation, start_in_words
 
 if TYPE_CHECKING:
@@ -149,6 +151,7 @@ def judged_by(scene: Scene) -> str:
         start_in_words(scene[label]),
         f"{scene.duration:g} s, carried on until the regime is decided",
         design="controllers as the scene gives them",
+        cases={each: scene[each] for each in scene.labels},
     )
     return f"{scene.judged_names}, judged from {scene.after:g} s to {until}{set_point}.\n{situation}"
 
@@ -170,7 +173,8 @@ def in_cells(scene: Scene, rows: Sequence[Row], times: bool = True) -> list[list
     if scene.standstill_speed is not None:
         head[head.index("settling")] = "stands at"
     others = _others(rows)
-    cells = [[*head, *others]]
+    left_out = [] if scene.standstill_speed is None else [head.index("severity"), head.index("overshoot")]  # a stop has neither
+    cells = [[*head, *(with_unit(scene, name) for name in others)]]
     for row in rows:
         cells.append(
             [
@@ -186,4 +190,13 @@ def in_cells(scene: Scene, rows: Sequence[Row], times: bool = True) -> list[list
                 *(shown(row.more.get(name, math.nan), ".4g") for name in others),
             ]
         )
-    return cells
+    return [[cell for k, cell in enumerate(line) if k not in left_out] for line in cells]
+
+
+def with_unit(scene: Scene, name: str) -> str:
+    """The heading of a further measure, with its unit if it has one."""
+    try:
+        unit = judged_measures(name, scene[scene.labels[0]], 0.0, scene.duration)[name].unit_in(scene.plant())
+    except SceneError:  # a function of a run
+        unit = "1"
+    return name if unit == "1" else f"{name} [{unit}]"

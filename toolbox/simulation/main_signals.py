@@ -11,7 +11,10 @@ from toolbox.simulation.samples import Samples
 
 
 def main_signals(run: Any) -> list[str]:
-    """Names of speeds, then of torques and forces, then of positions: at most three of a unit, none twice, none that only stands still."""
+    """Names of speeds, then of torques and forces, then of positions: at most three of a unit, none twice, none that only stands still.
+
+    Speeds of two units that are proportional, as those of a wheel and its car, are one signal.
+    """
     system, nodes = run.program.system, run.every_step
     step = max(1, nodes.time.size // 400)
     some: Samples[Any] = Samples(
@@ -24,6 +27,7 @@ def main_signals(run: Any) -> list[str]:
     columns = some.columns(names)
     seen: list[np.ndarray] = []
     groups: dict[str, list[str]] = {}
+    speeds: list[tuple[str, np.ndarray]] = []
     for name in names:
         unit = run.unit(name)
         values = columns[name]
@@ -32,6 +36,9 @@ def main_signals(run: Any) -> list[str]:
         size = np.abs(values).max(initial=0.0)
         if size == 0.0 or any(np.abs(np.abs(values) - other).max() <= 1e-9 * size for other in seen):
             continue
+        relative = values / size
+        if ranks[unit] == 0 and any(other != unit and np.abs(np.abs(relative) - np.abs(speed)).max() <= 1e-9 for other, speed in speeds):
+            continue
         if name in own and groups.get(unit):
             if np.ptp(values) == 0 or any(np.ptp(columns[other]) > 0 for other in groups[unit]):
                 continue
@@ -39,6 +46,7 @@ def main_signals(run: Any) -> list[str]:
         if len(groups.get(unit, [])) < 3:
             seen.append(np.abs(values))
             groups.setdefault(unit, []).append(name)
+            speeds += [(unit, relative)] if ranks[unit] == 0 else []
     moving = {unit: group for unit, group in groups.items() if any(np.ptp(columns[name]) > 0 for name in group)}
     chosen = sorted(moving or groups, key=lambda unit: ranks[unit])[:3]
     found = [name for unit in chosen for name in groups[unit]]
@@ -52,7 +60,8 @@ def _of_the_machine(run: Any) -> list[str]:
     laws = {name.partition(".")[0] for name in system.states} - set(system.stored) if system.stored else set()
     # what a sampled law remembers, and says of itself, is not what the machine does
     parts = {name.partition(".")[0] for name in (*plant.signals, *plant.inputs)} - laws
-    return [name for name in (*system.signals, *system.inputs) if name.partition(".")[0] in parts]
+    remembered = {name for update in system.updates for name in update.places}
+    return [name for name in (*system.signals, *system.inputs) if name.partition(".")[0] in parts and name not in remembered]
 
 
 def position_of(system: HybridSystem, speed: str) -> str | None:

@@ -443,9 +443,9 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return f"accuracy asked {self.accuracy:g}"
 
     def _jumps(self, least: float) -> np.ndarray:
-        """Times at which states jump by more than the part `least` of their size."""
+        """Times at which states jump by more than a hundredth of the part `least` of their size: smaller jumps may count as a difference of states."""
         change = np.abs(np.diff(self.states, axis=0)) / np.maximum(np.abs(self.states).max(axis=0), 1e-300)
-        return self.time[1:][(np.diff(self.time) == 0.0) & (change.max(axis=1) > least)]
+        return self.time[1:][(np.diff(self.time) == 0.0) & (change.max(axis=1) > 0.01 * least)]
 
     def save(self, path: str | Path, signals: Sequence[str] | None = None) -> Path:
         """Write signals, modes and events to an npz file without pickle, for `Trajectory.load`.

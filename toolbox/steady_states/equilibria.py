@@ -74,7 +74,7 @@ def equilibria(loop: ClosedLoop) -> list[Equilibrium]:
     holding = [element.name for element in contacts]
     words = [(legend[1], legend.get(-1, legend[1]), legend[0]) for legend in (element.mode_names for element in contacts)]
     combinations = list(zip(*words, strict=True)) if 3 ** len(holding) > MANY_MODES else list(dict.fromkeys(itertools.product(*words)))
-    smooth = _frictionless(plant, _free(plant), input_values(plant, inputs))
+    smooth = _frictionless(_free(plant), plant, input_values(plant, inputs))
     found: list[Equilibrium] = []
     for combination in combinations:
         for factor in (1.0, 0.5, 0.25, 0.125, 1 / 16, 1 / 32, 1 / 64, 0.0):

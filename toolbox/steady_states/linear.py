@@ -9,7 +9,9 @@ constraint for one state per sticking element and leaves that state out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -17,6 +19,7 @@ import numpy as np
 
 from toolbox.arguments import mapping, number
 from toolbox.errors import NoSteadyState, SceneError, suggest
+from toolbox.modelling.clamps import opened
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
 from toolbox.modelling.components import structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -25,7 +28,7 @@ from toolbox.modelling.numeric import NumericFunction
 from toolbox.modelling.start import place_start, place_starts
 from toolbox.modelling.steady_point import Equilibrium, _code, closed_signal, function_of
 from toolbox.simulation.samples import Samples
-from toolbox.steady_states.zeros import CONTRACTION, newton, searched, vanishes
+from toolbox.steady_states.zeros import CONTRACTION, newton, past_limits, searched, vanishes
 
 if TYPE_CHECKING:
     import control
@@ -127,20 +130,15 @@ def steady_state(
     given = plant.begin.copy()
     place_starts(plant, given, mapping("guess", guess))
     free = _free(plant)
-    begins = [given] if guess else [_frictionless(plant, free, u), given]
-    residual, jacobian = residual_functions(plant)
     reason = ""
-    for begin in begins:
+    for begin, limits in _begins(plant, u, given, bool(guess)):
         m = _modes_at(plant, begin, u, mode, resting=True)
         sticking = (m == 0.0) & holding_elements(plant)
-
-        def equations(x: np.ndarray, m: np.ndarray = m, sticking: np.ndarray = sticking) -> np.ndarray:
-            flow, slip = residual(0.0, x, u, plant.values, m)
-            return np.concatenate([np.array(flow).ravel(), np.array(slip).ravel()[sticking]])
-
-        def slopes(x: np.ndarray, m: np.ndarray = m, sticking: np.ndarray = sticking) -> np.ndarray:
-            of_flow, of_slip = jacobian(0.0, x, u, plant.values, m)
-            return np.vstack([np.array(of_flow), np.array(of_slip)[sticking]])
+        equations, slopes = _rows(*residual_functions(plant), plant, u, m)
+        method = "lm" if sticking.any() else "hybr"
+        if limits is not None:
+            wide = _rows(limits.residual, limits.jacobian, plant, u, m)
+            begin = past_limits(*wide, partial(_held_back, limits, plant, u, m), limits.count, begin, method)
 
         def terms(x: np.ndarray, equations: Any = equations, slopes: Any = slopes) -> np.ndarray:
             """Sizes of what cancels in the equations: round-off is that of these terms, and a force that sticks may cancel all the others."""
@@ -151,7 +149,7 @@ def steady_state(
 
         x = newton(equations, slopes, begin, 12, CONTRACTION)  # from near a zero, as along a branch, a search from afar costs more
         if not vanishes(equations(x), terms(x), slopes(x), x.size):
-            x = searched(equations, slopes, begin, "lm" if sticking.any() else "hybr")
+            x = searched(equations, slopes, begin, method)
         clean = np.where(np.abs(x) > 1e-13 * np.abs(x).max(initial=0.0), x, 0.0)  # what should be zero shows as zero
         if np.abs(equations(clean)).sum() <= np.abs(equations(x)).sum() + 1e-300:
             x = clean
@@ -161,7 +159,8 @@ def steady_state(
             parts = np.abs(found[: x.size]) / size[: x.size]
             worst = int(np.argmax(np.where(np.isnan(parts), -1.0, parts)))  # near the largest numbers all of them may be nan
             label, unit = state_labels(plant)[worst]
-            reason = f"the search stops where `{label}` still changes by {found[worst]:.3g} {unit} per second"
+            if limits is None:
+                reason = f"the search stops where `{label}` still changes by {found[worst]:.3g} {unit} per second"
             continue
         contradiction = _contradiction(plant, x, u, m)
         if contradiction:
@@ -176,6 +175,73 @@ def steady_state(
     raise NoSteadyState(
         f"There is no steady state for {given_inputs}{words}: {reason}. Give other `inputs`, a `mode`, or a `guess` nearer to it."
     )
+
+
+def _begins(plant: HybridSystem, u: np.ndarray, given: np.ndarray, guessed: bool) -> Iterator[tuple[np.ndarray, OpenLimits | None]]:
+    """Where a search begins, and the limits that it passes: none at first, then those of the plant where nothing has been found."""
+    if not guessed:
+        yield _frictionless(_free(plant), plant, u), None
+    yield given, None
+    limits = open_limits(plant)
+    if limits is not None:
+        if not guessed:
+            yield _frictionless(limits.free, plant, u, np.ones(limits.count)), limits
+        yield given, limits
+
+
+Rows = Callable[..., np.ndarray]
+"""A function of the states, and of the shares of open limits."""
+
+
+def _rows(residual: NumericFunction, jacobian: NumericFunction, plant: HybridSystem, u: np.ndarray, m: np.ndarray) -> tuple[Rows, Rows]:
+    """The equations of a steady state, which are the flow and the slips of the contacts in stick, and their slopes by the states."""
+    sticking = (m == 0.0) & holding_elements(plant)
+
+    def equations(x: np.ndarray, *share: np.ndarray) -> np.ndarray:
+        flow, slip = residual(0.0, x, u, plant.values, m, *share)
+        return np.concatenate([np.array(flow).ravel(), np.array(slip).ravel()[sticking]])
+
+    def slopes(x: np.ndarray, *share: np.ndarray) -> np.ndarray:
+        of_flow, of_slip = jacobian(0.0, x, u, plant.values, m, *share)
+        return np.vstack([np.array(of_flow), np.array(of_slip)[sticking]])
+
+    return equations, slopes
+
+
+@dataclass(frozen=True)
+class OpenLimits:
+    """Functions (t, x, u, p, m, shares) of a plant with limits that let shares of their signals pass (`toolbox.modelling.clamps.opened`).
+
+    count: number of limits;  residual, jacobian: as those of `residual_functions`;  free: as `_free`;  held_back: what the limits hold back.
+    """
+
+    count: int
+    residual: NumericFunction
+    jacobian: NumericFunction
+    free: NumericFunction
+    held_back: NumericFunction
+
+
+def _held_back(limits: OpenLimits, plant: HybridSystem, u: np.ndarray, m: np.ndarray, x: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """What the limits hold back at a place."""
+    return limits.held_back(0.0, x, u, plant.values, m, share).ravel()
+
+
+def open_limits(plant: HybridSystem) -> OpenLimits | None:
+    """The functions of a plant with open limits; None for a plant without limits."""
+
+    def functions() -> OpenLimits | None:
+        equations = plant.switched_equations
+        values, shares, held_back = opened([equations.field, equations.slip, _free_flow(plant)], plant.x)
+        if not shares.numel():
+            return None
+        arguments = [plant.t, plant.x, plant.u, plant.p, plant.m, shares]
+        slopes = [ca.jacobian(value, plant.x) for value in values]
+        results = [values[:2], slopes[:2], [values[2], slopes[2]], [held_back]]
+        made = [NumericFunction(ca.Function("limits", arguments, [ca.densify(each) for each in result])) for result in results]
+        return OpenLimits(shares.numel(), *made)
+
+    return plant.once(("open limits",), functions)
 
 
 @takes_loop
@@ -477,32 +543,36 @@ def _free(plant: HybridSystem) -> NumericFunction:
     """Function (t, x, u, p, m) -> flow without the forces of the elements, and its Jacobian by x."""
 
     def expressions() -> list[ca.SX]:
-        flow = ca.substitute(plant.flow, plant.F, ca.SX.zeros(plant.F.shape)) if plant.elements else plant.flow
+        flow = _free_flow(plant)
         return [flow, ca.jacobian(flow, plant.x)]
 
     return function_of(plant, ("free",), expressions)
 
 
-def _frictionless(plant: HybridSystem, free: NumericFunction, u: np.ndarray) -> np.ndarray:
-    """Where the plant would rest without the forces of its elements: a few Newton steps from zero."""
+def _free_flow(plant: HybridSystem) -> ca.SX:
+    return ca.substitute(plant.flow, plant.F, ca.SX.zeros(plant.F.shape)) if plant.elements else plant.flow
+
+
+def _frictionless(free: NumericFunction, plant: HybridSystem, u: np.ndarray, *share: np.ndarray) -> np.ndarray:
+    """Where the plant would rest without the forces of its elements: a few Newton steps from zero. free: function of `_free`, or of a share, too."""
     x = plant.begin.copy()
     for _ in range(8):
-        value, slope = (np.array(v) for v in free(0.0, x, u, plant.values, 1.0))
+        value, slope = (np.array(v) for v in free(0.0, x, u, plant.values, 1.0, *share))
         if not (np.isfinite(value).all() and np.isfinite(slope).all()):
             return np.zeros_like(x)
         step = np.linalg.lstsq(slope, -value.ravel(), rcond=1e-12)[0]
         x = x + step
         if np.abs(step).max(initial=0.0) <= 1e-12 * np.abs(x).max(initial=0.0):
             return x
-    return _descended(plant, free, u)
+    return _descended(free, plant, u, *share)
 
 
-def _descended(plant: HybridSystem, free: NumericFunction, u: np.ndarray) -> np.ndarray:
+def _descended(free: NumericFunction, plant: HybridSystem, u: np.ndarray, *share: np.ndarray) -> np.ndarray:
     """Where it would rest by steps that only go down: a law that cuts its command throws full Newton steps from one limit to the other."""
     from scipy.optimize import least_squares
 
     def values(x: np.ndarray, of: int = 0) -> np.ndarray:
-        return np.array(free(0.0, x, u, plant.values, 1.0)[of])
+        return np.array(free(0.0, x, u, plant.values, 1.0, *share)[of])
 
     try:
         return least_squares(lambda x: values(x).ravel(), plant.begin, lambda x: values(x, 1), x_scale="jac", method="trf").x

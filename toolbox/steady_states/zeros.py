@@ -12,6 +12,12 @@ CONTRACTION = 0.1
 NEARER = 1.0 - 2.0**-52
 """Part of a residual that a step leaves at most where it comes nearer at all."""
 
+ACROSS = 1e3
+"""Part of a residual that a step of Newton leaves at most on the way across the kink of a limit, behind which the next one leads to the zero."""
+
+SHORTEST = 1e-7
+"""Part of the way from an open limit to a closed one below which a step is not worth its time."""
+
 
 def newton(equations: Any, slopes: Any, x: np.ndarray, most: int, contraction: float, alone: bool = False) -> np.ndarray:
     """Go towards a zero of equations by Newton's steps, as long as they lead there.
@@ -58,6 +64,52 @@ def searched(equations: Any, slopes: Any, begin: np.ndarray, method: str) -> np.
     from scipy.optimize import root
 
     return newton(equations, slopes, root(equations, begin, jac=slopes, method=method, options={"xtol": 1e-14}).x, 4, 1.0)
+
+
+def past_limits(equations: Any, slopes: Any, held_back: Any, shares: int, begin: np.ndarray, method: str) -> np.ndarray:
+    """Where equations with limits are zero, by way of their zero without limits: behind a limit nothing has a slope that leads back.
+
+    Limits that hold nothing back at that zero, such as those of a rate, stay open. The others are closed, and the zero is followed; then those are closed
+    that hold something back now.
+
+    Parameters
+    ----------
+    equations, slopes
+        Functions of x and of the shares of the limits, which are 1 where a limit is open and 0 where it is as declared.
+    held_back
+        Function of x and the shares that gives what each limit holds back.
+    shares
+        Number of limits.
+    begin
+        Where the search without limits begins.
+    method
+        Method of that search.
+    """
+    share = np.ones(shares)
+
+    def at(share: np.ndarray) -> tuple[Any, Any]:
+        return lambda x: equations(x, share), lambda x: slopes(x, share)
+
+    x = searched(*at(share), begin, method)
+    for _ in range(shares):
+        gaps = held_back(x, share)
+        shut = (np.abs(gaps) > 1e-9 * np.abs(gaps).max(initial=0.0)) & (share == 1.0)
+        if not (np.isfinite(x).all() and shut.any()):
+            break
+        part, step = 1.0, 0.5
+        while part > 0.0 and step > SHORTEST:
+            following = max(part - step, 0.0)
+            rows, matrix = at(np.where(shut, following, share))
+            y = newton(rows, matrix, x, 20, ACROSS)
+            there = matrix(y)
+            if vanishes(rows(y), np.abs(there) @ np.abs(y) + 1e-300, there, y.size):
+                x, part, step = y, following, 2.0 * step
+            else:
+                step *= 0.25
+        share = np.where(shut, part, share)
+        if part > 0.0:
+            break
+    return x
 
 
 def contradictory(equations: Any, slopes: Any, x: np.ndarray) -> bool:

@@ -31,6 +31,15 @@ def record(w, t, x):
     w.ints[layout.RECORDS] = r + 1
 
 
+def full(w, events):
+    """Whether the buffers have no room for four more nodes or for a number of events: a status of the loop, or GO_ON."""
+    if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
+        return layout.RECORDS_FULL
+    if w.ints[layout.EVENTS] + events > w.ev_t.size:
+        return layout.EVENTS_FULL
+    return GO_ON
+
+
 def inputs_changed(w, t, slips_jump):
     """After a parameter jumped, or a sample: elements whose slip jumped away from zero slide, switches turn, the others are decided by force.
 

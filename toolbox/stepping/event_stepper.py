@@ -18,7 +18,7 @@ from typing import Any
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.between import load_node, open_step, step_between
-from toolbox.stepping.calendar import GO_ON, inputs_changed, jumps, next_stop, outputs_before, outputs_due, record, samples
+from toolbox.stepping.calendar import GO_ON, full, inputs_changed, jumps, next_stop, outputs_before, outputs_due, record, samples
 from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
 from toolbox.stepping.events import after_event, project_event
 from toolbox.stepping.guards import accept, finite, held_quietly, no_modes, project, stays
@@ -214,6 +214,50 @@ def _crossed(w, t, h, t_new, error, node, series):
     return False, event, h, t_new, error
 
 
+def _step_size(w, t, stop):
+    """Length that the next step may have, its length up to the next stop, and the time at its end."""
+    h_wanted = min(w.reals[layout.STEP_SIZE], w.reals[layout.LONGEST])
+    if w.reals[layout.FOLLOWED] > layout.UNTOLD:
+        h_wanted = min(h_wanted, w.reals[layout.FOLLOWED])
+    h, t_new = h_wanted, t + h_wanted
+    if t_new >= stop or stop - t_new < 1e-3 * h:
+        return h_wanted, stop - t, stop
+    return h_wanted, h, t_new
+
+
+def _reject(w, h, error, again, series):
+    """Make the next step shorter after one whose error was too large. If the step before was rejected as well, measure the round-off."""
+    w.ints[layout.REJECTED] += 1
+    shrink = 0.9 * error ** (-w.reals[layout.POWER]) if error < 1e30 else 0.1
+    w.reals[layout.STEP_SIZE] = h * max(shrink, 0.1)
+    if series is None:  # noqa: SIM102
+        if again:
+            measure_round_off(w)
+            spread_round_off(w, w.reals[layout.STEP_OLD])
+
+
+def _accept_step(w, h, t_new, event, refresh):
+    """Take the state at the end of a step, and project it onto the modes."""
+    if event or refresh:  # with the modes, and with the speed in a friction law, the growth of a mode changes
+        w.reals[layout.FOLLOWED] = 0.0
+    if h > 0.0:
+        accept(w)
+    w.reals[layout.TIME] = t_new
+    if event:
+        project_event(w, t_new, h == 0.0)
+    else:
+        project(w, t_new)
+
+
+def _stalls(w, t_new, h):
+    """Whether the run makes no progress; if it does, the round-off is measured again."""
+    if stalls(w, t_new):
+        return True
+    measure_round_off(w)
+    spread_round_off(w, h)
+    return False
+
+
 def advance(w, series):  # noqa: C901 (a compiled loop)
     """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again.
 
@@ -228,10 +272,9 @@ def advance(w, series):  # noqa: C901 (a compiled loop)
         return no_modes(w, w.reals[layout.TIME])
     while True:
         t = w.reals[layout.TIME]
-        if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
-            return layout.RECORDS_FULL
-        if w.ints[layout.EVENTS] + 2 * ne + 1 > w.ev_t.size:
-            return layout.EVENTS_FULL
+        status = full(w, 2 * ne + 1)
+        if status != GO_ON:
+            return status
         status = _due(w, t, every_node, undecided)
         if status == layout.DONE and not finite(w):
             return layout.STATE_NOT_FINITE
@@ -251,12 +294,7 @@ def advance(w, series):  # noqa: C901 (a compiled loop)
             if w.ints[layout.OPENED] == 0 and not open_series(w, t):
                 return layout.NO_SERIES
         stop = next_stop(w)
-        h_wanted = min(w.reals[layout.STEP_SIZE], w.reals[layout.LONGEST])
-        if w.reals[layout.FOLLOWED] > layout.UNTOLD:
-            h_wanted = min(h_wanted, w.reals[layout.FOLLOWED])
-        h, t_new = h_wanted, t + h_wanted
-        if t_new >= stop or stop - t_new < 1e-3 * h:
-            h, t_new = stop - t, stop
+        h_wanted, h, t_new = _step_size(w, t, stop)
         if h < 1e-14 * abs(t) or h < 1e-300:
             if stop - t <= 1e-13 * abs(t):  # the next stop is closer than can be resolved
                 w.reals[layout.TIME] = stop
@@ -282,13 +320,7 @@ def advance(w, series):  # noqa: C901 (a compiled loop)
             if h > 0.0:
                 error, h, t_new = checked_end(w, t, h, t_new, event, rejected)
         if not error <= 1.0:
-            w.ints[layout.REJECTED] += 1
-            shrink = 0.9 * error ** (-w.reals[layout.POWER]) if error < 1e30 else 0.1
-            w.reals[layout.STEP_SIZE] = h * max(shrink, 0.1)
-            if series is None:  # noqa: SIM102
-                if rejected:
-                    measure_round_off(w)
-                    spread_round_off(w, w.reals[layout.STEP_OLD])
+            _reject(w, h, error, rejected, series)
             rejected = True
             continue
         if not outputs_before(w, t_new):
@@ -301,20 +333,9 @@ def advance(w, series):  # noqa: C901 (a compiled loop)
                 _next_size(w, h, h_wanted, error, rejected)
         rejected, turns = False, 0
         refresh = w.ints[layout.ACCEPTED] % REFRESHED == 0
-        if event or refresh:  # with the modes, and with the speed in a law, it changes how fast a mode grows
-            w.reals[layout.FOLLOWED] = 0.0
-        if h > 0.0:
-            accept(w)
-        w.reals[layout.TIME] = t_new
-        if event:
-            project_event(w, t_new, h == 0.0)
-        else:
-            project(w, t_new)
-        if refresh:
-            if stalls(w, t_new):
-                return layout.STALLED
-            measure_round_off(w)
-            spread_round_off(w, h)
+        _accept_step(w, h, t_new, event, refresh)
+        if refresh and _stalls(w, t_new, h):
+            return layout.STALLED
         if every_node and h > 0.0:
             record(w, t_new, w.x)
         if event:

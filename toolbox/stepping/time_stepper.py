@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.calendar import GO_ON, jumps, next_stop, outputs_due, record, samples
+from toolbox.stepping.calendar import GO_ON, full, jumps, next_stop, outputs_due, record, samples
 from toolbox.stepping.guards import finite, project
 from toolbox.stepping.modes import BEYOND, note_event
 from toolbox.stepping.starts import begin
@@ -116,6 +116,53 @@ def _step(w, t, h):
     return True
 
 
+def _step_size(w, t):
+    """Length of the step from t and the time at its end: the two steps before a stop have the same length."""
+    stop, h = next_stop(w), w.reals[layout.STEP_SIZE]
+    left = stop - t
+    if left <= h * (1.0 + 1e-6):
+        return left, stop
+    if left < 2.0 * h:
+        h = 0.5 * left
+    return h, t + h
+
+
+def _take_modes(w):
+    """Take forces and modes from the solution of a step. Returns whether a mode has changed or an impact has been elastic."""
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
+    switched = False
+    for i in range(ne):
+        size = abs(w.y[n + i])
+        if w.kind[i] != layout.SWITCH and size > w.guard_scale[2 * i]:
+            w.guard_scale[2 * i] = size
+        w.m_other[ne + 1 + i] = (
+            0.0 if w.kind[i] == layout.RIGID and w.before[i] != 0.0 else w.y[n + ne + i]
+        )  # the force of an impact does not last
+        if w.m_other[i] == 1.0 and w.m[i] == 0.0:
+            w.m[i] = 1.0
+        else:
+            w.m_other[i] = 0.0
+        switched = switched or w.m[i] != w.before[i] or w.m_other[i] == 1.0
+    return switched
+
+
+def _record_inside(w, t, h, t_new):
+    """Record the output times inside a step, with the modes before it. Returns whether the buffer had room; w.z keeps the modes after the step."""
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
+    for i in range(ne):
+        w.z[i] = w.m[i]
+        w.m[i] = w.before[i]
+    while w.ints[layout.OUTPUT] < w.out_t.size and w.out_t[w.ints[layout.OUTPUT]] < t_new:
+        if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
+            return False
+        part = (w.out_t[w.ints[layout.OUTPUT]] - t) / h
+        for i in range(n):
+            w.x_other[i] = w.x[i] + part * (w.y[i] - w.x[i])
+        record(w, w.out_t[w.ints[layout.OUTPUT]], w.x_other)
+        w.ints[layout.OUTPUT] += 1
+    return True
+
+
 def _advance(w):  # noqa: C901 (a compiled loop)
     """Step until the end time, a full buffer, a sample of a Python controller or the step budget; can be called again."""
     n, ne = w.ints[layout.N], w.ints[layout.NE]
@@ -128,10 +175,9 @@ def _advance(w):  # noqa: C901 (a compiled loop)
         return layout.INCONSISTENT
     while True:
         t = w.reals[layout.TIME]
-        if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
-            return layout.RECORDS_FULL
-        if w.ints[layout.EVENTS] + 4 * ne + 1 > w.ev_t.size:
-            return layout.EVENTS_FULL
+        status = full(w, 4 * ne + 1)
+        if status != GO_ON:
+            return status
         changed = jumps(w, t)
         status, held = samples(w, t)
         if status != layout.DONE:
@@ -150,13 +196,7 @@ def _advance(w):  # noqa: C901 (a compiled loop)
         if w.ints[layout.ACCEPTED] >= budget:
             return layout.PAUSED
 
-        stop, h = next_stop(w), w.reals[layout.STEP_SIZE]
-        left, t_new = stop - t, t + h
-        if left <= h * (1.0 + 1e-6):
-            h, t_new = left, stop
-        elif left < 2.0 * h:
-            h = 0.5 * left
-            t_new = t + h
+        h, t_new = _step_size(w, t)
         if t_new <= t:
             return layout.UNDERFLOW
         if turns:
@@ -170,33 +210,9 @@ def _advance(w):  # noqa: C901 (a compiled loop)
         for i in range(n):
             if not math.isfinite(w.y[i]):
                 return layout.UNDERFLOW
-        switched = False
-        for i in range(ne):
-            size = abs(w.y[n + i])
-            if w.kind[i] != layout.SWITCH and size > w.guard_scale[2 * i]:
-                w.guard_scale[2 * i] = size
-            w.m_other[ne + 1 + i] = (
-                0.0 if w.kind[i] == layout.RIGID and w.before[i] != 0.0 else w.y[n + ne + i]
-            )  # the force of an impact does not last
-            if w.m_other[i] == 1.0 and w.m[i] == 0.0:
-                w.m[i] = 1.0
-            else:
-                w.m_other[i] = 0.0
-            switched = switched or w.m[i] != w.before[i] or w.m_other[i] == 1.0
-        # --- records inside the step show the modes before it
-        for i in range(ne):
-            w.z[i] = w.m[i]
-            w.m[i] = w.before[i]
-        while w.ints[layout.OUTPUT] < w.out_t.size and w.out_t[w.ints[layout.OUTPUT]] < t_new:
-            if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
-                for i in range(ne):
-                    w.m[i] = w.before[i]
-                return layout.RECORDS_FULL
-            part = (w.out_t[w.ints[layout.OUTPUT]] - t) / h
-            for i in range(n):
-                w.x_other[i] = w.x[i] + part * (w.y[i] - w.x[i])
-            record(w, w.out_t[w.ints[layout.OUTPUT]], w.x_other)
-            w.ints[layout.OUTPUT] += 1
+        switched = _take_modes(w)
+        if not _record_inside(w, t, h, t_new):
+            return layout.RECORDS_FULL
         if every > 1 and switched and w.rec_t[w.ints[layout.RECORDS] - 1] < t:
             record(w, t, w.x)
         for i in range(ne):

@@ -139,7 +139,7 @@ def evaluated(
         _kept(store, columns, waiting, take, pool if executor is None else None)
         done = int((columns.status != WAITING).sum())
         kept = f"are in `{store.path}`; the same call goes on from there" if store is not None else "are lost; with `out` they are kept"
-        interrupt.add_note(f"{done} of {total} runs {kept}.")
+        interrupt.add_note(f"{done} of {total} runs {kept}." if done else "no run was finished.")
         raise
     finally:
         _kept(store, columns, waiting, take, pool if executor is None else None)

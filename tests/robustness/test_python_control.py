@@ -1,4 +1,4 @@
-"""Poles, margins and delay margins of ten sampled loops, against python-control."""
+"""Poles, margins and delay margins of ten sampled loops, and poles of loops with several sample times, against python-control."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, wells
+from tests.steady_states.test_sampled_matrix import Integrating, Shaft
 from toolbox import Sampled, closed_loop, compose, equilibrium, linearise, margins
 from toolbox.steady_states import pole_locus
 
@@ -78,3 +79,41 @@ def test_poles_margins_and_delay_margin_are_those_of_python_control(law, period,
 
     assert radius(0.999 * found.delay_margin) < 0.0
     assert found.delay_margin == pytest.approx(brentq(radius, 0.999 * found.delay_margin, 1.001 * found.delay_margin, xtol=1e-12), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "clocks",
+    [[(0.004, 0.0), (0.01, 0.0)], [(0.004, 0.002), (0.006, 0.008)], [(0.05, 0.02), (0.02, 0.05)]],
+    ids=["two rates", "two rates and delays", "delays of parts and of more than a period"],
+)
+def test_poles_of_controllers_with_several_sample_times_are_those_of_python_control(clocks):
+    """The plant from one tick to the next by python-control; samples, memory and outputs on their way by hand, over the common period."""
+    laws = [Sampled(Integrating(side), period, delay) for side, (period, delay) in zip(("left", "right"), clocks, strict=True)]
+    loop = closed_loop(compose(Shaft()), laws)
+    ticks = [[round(each / 1e-3) for each in clock] for clock in clocks]
+    tick, span = math.gcd(*(each for clock in ticks for each in clock)), math.lcm(*(clock[0] for clock in ticks))
+    plant = control.ss([[0, 1, -1], [-40, -0.5, 0], [20, 0, -0.1]], [[0, 0], [1, 0], [0, 0.5]], np.eye(3), 0)
+    sampled = control.sample_system(plant, 1e-3 * tick, method="zoh")
+    waiting = [delay // period + 1 for period, delay in ticks]
+
+    def after_the_common_period(start):
+        x, held, sums = start[:3].copy(), start[3:5].copy(), start[5:7].copy()
+        queues = [[*start[7 : 7 + waiting[0]]], [*start[7 + waiting[0] :]]]  # the output of the last sample stands last
+        for now in range(0, span, tick):
+            speeds = x[1:3].copy()
+            for c, (period, delay) in enumerate(ticks):
+                if now % period == 0:
+                    queues[c] = [*queues[c][1:], -3.0 * speeds[c] - 5.0 * sums[c]]
+                    sums[c] += 1e-3 * period * speeds[c]
+                if (now - delay) % period == 0:
+                    held[c] = queues[c][-1 - delay // period]
+            x = sampled.A @ x + sampled.B @ held
+        return np.concatenate([x, held, sums, *queues])
+
+    size = 7 + sum(waiting)
+    right = np.linalg.eigvals(np.column_stack([after_the_common_period(column) for column in np.eye(size)]))
+    found = pole_locus(loop, "left.p", [3.0])[0]
+    swings = right[np.abs(right) > 1e-2]  # others are those of the outputs on their way
+    assert len(swings) >= 4
+    for pole in swings:
+        assert np.abs(found - pole).min() < 1e-6 * abs(pole)

@@ -28,6 +28,8 @@ sample_time = "10 ms"
 delay = 0.0
 noise = { "top.speed" = 0.01 }
 resolution = { "top.speed" = 0.01 }
+jitter = "2 ms"
+missed_samples = 0.01
 seed = 0
 inputs = { "bit.weight" = "90 kN" }
 [start]

@@ -446,7 +446,7 @@ def test_the_same_seed_gives_the_same_search_and_another_one_another():
         ({"ranges": {"dials.torque": (2.0, 1.0)}}, "low < high"),
         ({"ranges": {"dials.torque": (1.0, math.inf)}}, "low < high"),
         ({"ranges": {"dials.gain": (0.0, 1.0)}}, "must be > 0"),
-        ({"ranges": {"bit.weight": (0.0, 1.0)}}, "numbers of the law that is tuned, but `bit.weight` is none"),
+        ({"ranges": {"bit.weight": (0.0, 1.0)}}, "gains of the controller that is tuned, not `bit.weight`"),
         ({"ranges": {"torque": (1.0, math.nan)}}, "low < high"),
         ({"ranges": {"name": (0.0, 1.0)}}, "no number `name`"),
         ({"aggregate": 3}, "`aggregate` must be"),

@@ -86,8 +86,9 @@ class Work(NamedTuple):
     struck: rigid contacts that have just been hit;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were
     consistent, too); jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
-    period and delay in `clocks`, controller states and behind them the noise of the sample in `memory`, the key of each noise
-    channel at its place in `keys`, computed outputs waiting in `queue` (controller, slot, output).
+    period, delay, jitter and probability of a missed sample in `clocks`, the keys of lateness and misses in `clock_keys`, controller states
+    and behind them the noise of the sample in `memory`, the key of each noise channel at its place in `keys`, computed outputs waiting in `queue`
+    (controller, slot, output).
     """
 
     ints: np.ndarray
@@ -138,6 +139,7 @@ class Work(NamedTuple):
     out_t: np.ndarray
     samplers: np.ndarray
     clocks: np.ndarray
+    clock_keys: np.ndarray
     memory: np.ndarray
     keys: np.ndarray
     queue: np.ndarray
@@ -148,7 +150,7 @@ KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Work._fields, ("float64", 1)) 
     "lever": ("int64", 1), "bound": ("int64", 1), "excited": ("int64", 1), "armed": ("bool", 1), "fired": ("bool", 1), "zero": ("bool", 1),
     "forced": ("bool", 1), "struck": ("bool", 1), "rec_x": ("float64", 2), "rec_m": ("int8", 2), "rec_p": ("float64", 2), "ev_i": ("int32", 1),
     "ev_m": ("int8", 2), "jump_first": ("int64", 1), "jump_index": ("int64", 1), "samplers": ("int64", 2), "clocks": ("float64", 2), "keys": ("uint64", 1),
-    "queue": ("float64", 3),
+    "clock_keys": ("uint64", 1), "queue": ("float64", 3),
 }  # fmt: skip
 """{field of `Work`: (dtype, number of dimensions)}."""
 

@@ -20,7 +20,7 @@ from toolbox.errors import ControllerError, SceneError
 from toolbox.files.units import in_si
 from toolbox.modelling.clamps import passing_nan
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.closing import laws_of
+from toolbox.modelling.closing import check_regular, laws_of
 from toolbox.modelling.components import Component, Equations, Signal
 from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import state
@@ -64,6 +64,7 @@ class Acting:
         plant = signals_of(problem, controller is not None)
         closed = ClosedLoop(plant, laws_of(controller, in_si(sample_time, "s", "sample_time"))).assembly
         self.system, self.clocks, self.seeds = closed.system, closed.clocks, closed.seeds
+        check_regular(closed.irregular, "for steps of one length")
         if len(self.system.parts) > 1 + len(self.clocks):
             raise SceneError(
                 "Argument `controller` must hold sampled laws: give `sample_time`, because steps of one length know no continuous ones."

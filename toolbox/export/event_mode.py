@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.calendar import inputs_changed, jumps, samples
+from toolbox.stepping.calendar import inputs_changed, jumps, sampled_at, samples
 from toolbox.stepping.events import after_event, project_event
 from toolbox.stepping.guards import accept, close_to_zero, guard_size, held_quietly, loads_hold, no_modes
 from toolbox.translation.words import call
@@ -79,7 +79,7 @@ def event_mode(w: Any, entered: bool) -> int:
     if not come_to(w) and not due:
         return layout.NEGATIVE_BOUND
     for c in range(w.samplers.shape[0]):
-        due = due or w.samplers[c, layout.TAKEN] * w.clocks[c, 0] <= t
+        due = due or sampled_at(w, c, w.samplers[c, layout.TAKEN]) <= t
     first = first_to_fire(w, NEAR if entered and not due else 0.0)
     again = first < 0
     if again:

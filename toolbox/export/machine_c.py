@@ -52,7 +52,7 @@ FIXED = (
 )
 """Entries of `Work.ints` that are constants in C."""
 
-CONSTANT = ("group", "excited", "kind", "initial", "attached", "loader", "lever", "bound", "keys", "clocks")
+CONSTANT = ("group", "excited", "kind", "initial", "attached", "loader", "lever", "bound", "keys", "clocks", "clock_keys")
 """Arrays that are constants in C."""
 
 EVENTS, STEPS = 64, 10_000

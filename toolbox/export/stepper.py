@@ -176,7 +176,8 @@ class Stepper:
             run = Request(
                 loop.with_controllers(seeds), self._made.run.duration, None, self._made.run.method, self._made.run.accuracy
             ).checked()
-            self._first["keys"] = work_arrays(run, self._program).keys
+            seeded = work_arrays(run, self._program)
+            self._first |= {"keys": seeded.keys, "clock_keys": seeded.clock_keys}
         for name, array in self._first.items():
             getattr(self._work, name)[...] = array
         for name, value in mapping("start", start).items():

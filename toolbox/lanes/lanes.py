@@ -153,7 +153,11 @@ class Lanes:
             rows, which = np.unique(seeds, axis=0, return_inverse=True)
             courses = np.array([noise_keys(self.program.system.updates, row) for row in rows.tolist()])
         which = which.ravel()
-        own = np.tile(self.work.clocks.ravel(), (n, 1)) if clocks is None else np.ascontiguousarray(clocks, float).reshape(n, -1)
+        own = (
+            np.tile(self.work.clocks[:, :2].ravel(), (n, 1))
+            if clocks is None
+            else np.ascontiguousarray(clocks[:, :, :2], float).reshape(n, -1)
+        )
         noise, keys, first = (
             noise_table(self.work, courses, own[:, ::2].min(axis=0, initial=np.inf), self.duration),
             courses[which],

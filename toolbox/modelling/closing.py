@@ -32,6 +32,8 @@ class Closed(NamedTuple):
         The laws in Python.
     seeds
         Seeds of the noise of the sampled laws.
+    irregular
+        (jitter [s], probability of a missed sample) of the sampled laws.
     """
 
     system: HybridSystem
@@ -39,6 +41,16 @@ class Closed(NamedTuple):
     clocks: list[tuple[float, float]]
     callables: list[Any]
     seeds: list[int]
+    irregular: list[tuple[float, float]]
+
+
+def check_regular(irregular: Sequence[tuple[float, float]], word: str) -> None:
+    """Raise SceneError where samples are late or missed, so that no period brings a loop round; word: what needs such a period."""
+    if any(jitter > 0.0 or missed > 0.0 for jitter, missed in irregular):
+        raise SceneError(
+            f"Arguments `jitter` and `missed_samples` must be left out {word}, because no period brings the samples of such a loop round: "
+            "judge its runs, by `simulate`, `sweep` or `worst_case`."
+        )
 
 
 def laws_of(given: Any, period: float | None) -> tuple[Any, ...]:
@@ -64,6 +76,7 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
     """A plant with laws as its parts; made: the laws as they are designed on the declared plant."""
     parts: list[Component] = []
     clocks: list[tuple[float, float]] = []
+    irregular: list[tuple[float, float]] = []
     callables: list[Any] = []
     seeds: list[int] = []
     for given, law in zip(laws, made, strict=True):
@@ -71,6 +84,7 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
         if sampled is not None:
             sampled.check()
             clocks.append((float(sampled.period), float(sampled.delay)))
+            irregular.append((float(sampled.jitter), float(sampled.missed_samples)))
             seeds.append(sampled.seed)
         if sampled is None and isinstance(given, Controller) and not isinstance(law, Controller):
             raise SceneError(f"{type(given).__name__} has no continuous form: give `sample_time`.")
@@ -78,7 +92,7 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
         if not isinstance(law, Controller):
             callables.append(law)
     if not parts:
-        return Closed(plant, plant, [], [], [])
+        return Closed(plant, plant, [], [], [], [])
     closed = _assembled(plant, parts)
     words = {
         name.partition(".")[0] for name in (*plant.signals, *plant.inputs)
@@ -88,7 +102,7 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
             driven = declared.redirected_signals.get(name, name)
             if driven not in closed.cache[NEEDED] and driven.partition(".")[0] in words:
                 raise SceneError(f"{kind_of(law)} drives `{driven}`, which no part of the machine needs: {suggest(driven, plant.inputs)}")
-    return Closed(closed, plant, clocks, callables, seeds)
+    return Closed(closed, plant, clocks, callables, seeds, irregular)
 
 
 def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Component:
@@ -145,7 +159,9 @@ def described(given: Any) -> str:
     name = kind_of(given)
     if not isinstance(given, Sampled):
         return f"{name}, continuous"
-    return f"{name}, sampled every {_time(given.period)}" + (f" with a delay of {_time(given.delay)}" if given.delay else "")
+    words = f"{name}, sampled every {_time(given.period)}" + (f" with a delay of {_time(given.delay)}" if given.delay else "")
+    words += f", late by up to {_time(given.jitter)}" if given.jitter else ""
+    return words + (f", {100.0 * given.missed_samples:.3g} % missed" if given.missed_samples else "")
 
 
 def all_described(laws: Sequence[Any]) -> str:

@@ -269,8 +269,17 @@ class Sampled(Renamed):
     resolution
         {measured signal: step of its encoder}, in the unit of the signal. The noise is added before the encoder.
     seed
-        Seed of the noise, an integer >= 0. Controllers with the same seed get the same noise on the same signal at
-        samples with the same number.
+        Seed of noise, jitter and missed samples, an integer >= 0. Controllers with the same seed get the same noise on
+        the same signal, the same lateness and the same misses at samples with the same number.
+    jitter
+        Largest lateness of a sample [s], >= 0 and less than the period. Sample k is taken at k period + jitter u_k, with
+        u_k uniform between 0 and 1 and independent of one another. The delay counts from there.
+    missed_samples
+        Probability that a sample is missed, >= 0 and < 1. At a missed sample the controller neither reads nor computes:
+        its memory and its outputs stay as they are.
+
+        The first sample, at t = 0, is always taken, and on time. Lateness and misses follow from `seed` and the number
+        of the sample, so that the same run has the same ones each time.
     measured_signals, actuated_signals
         Names of the signals that a callable reads and gives. By default its own attributes of these names. If it has
         none: the first force or torque that the plant takes, and the speed at the same place, such as `top.torque` and
@@ -295,9 +304,11 @@ class Sampled(Renamed):
     seed: int = 0
     measured_signals: str | Sequence[str] | None = None
     actuated_signals: str | Sequence[str] | None = None
+    jitter: Quantity = quantity(0.0, "s", "largest lateness of a sample")
+    missed_samples: float = 0.0
 
     def __post_init__(self) -> None:
-        for word in ("period", "delay"):
+        for word in ("period", "delay", "jitter"):
             object.__setattr__(self, word, in_si(getattr(self, word), "s", word))
 
     def with_sensor_units(self, unit: Callable[[str], str]) -> Sampled:
@@ -318,8 +329,8 @@ class Sampled(Renamed):
     def check(self) -> None:
         """Raise SceneError if a number is out of range.
 
-        Conditions: period > 0, delay >= 0, noise >= 0, resolution > 0, and seed an integer >= 0. `measured_signals` and
-        `actuated_signals` may be given only for a callable.
+        Conditions: period > 0, delay >= 0, 0 <= jitter < period, 0 <= missed_samples < 1, noise >= 0, resolution > 0,
+        and seed an integer >= 0. `measured_signals` and `actuated_signals` may be given only for a callable.
         """
         for word in SIGNALS:
             told = getattr(self, word)
@@ -331,6 +342,10 @@ class Sampled(Renamed):
                 raise SceneError(f"Argument `{word}` must be the name of a signal, or several, but it is {told!r}.")
         number("sample_time", self.period, "s", above=0)
         number("delay", self.delay, "s", at_least=0)
+        number("jitter", self.jitter, "s", at_least=0)
+        if self.jitter >= self.period:
+            raise SceneError(f"Argument `jitter` must be less than the sample time of {self.period:g} s, but it is {self.jitter:g} s.")
+        number("missed_samples", self.missed_samples, at_least=0, below=1)
         whole("seed", self.seed, 0, 2**63 - 1)
         for word, given, bounds in (("noise", self.noise, {"at_least": 0.0}), ("resolution", self.resolution, {"above": 0.0})):
             if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 from toolbox.arguments import refuse
 from toolbox.errors import SceneError
@@ -47,7 +47,22 @@ class NumberKind:
         Why a verb that needs slopes cannot vary it; empty if it can.
     why_no_sweep
         Why one sweep cannot vary it; empty if it can.
+    why_no_tuning
+        Why `tune` cannot vary it, although it belongs to the controller.
+    meaning
+        Meaning of every number of the kind; empty if each has its own.
+    bounds
+        Bounds of every number of the kind; empty if each has its own.
     """
+
+    is_input: ClassVar[bool] = False
+    is_parameter: ClassVar[bool] = False
+    is_design: ClassVar[bool] = False
+    is_clock: ClassVar[bool] = False
+    is_shape: ClassVar[bool] = False
+    is_node: ClassVar[bool] = False
+    is_start: ClassVar[bool] = False
+    is_shift: ClassVar[bool] = False
 
     word: str
     has_slope: bool = False
@@ -58,6 +73,9 @@ class NumberKind:
     sets_up: bool = True
     why: str = ""
     why_no_sweep: str = ""
+    why_no_tuning: str = ""
+    meaning: str = ""
+    bounds: Mapping[str, float | None] = field(default_factory=dict, hash=False)
 
     def __str__(self) -> str:
         return self.word
@@ -85,6 +103,8 @@ class NumberKind:
 class InputKind(NumberKind):
     """An input that is held constant."""
 
+    is_input = True
+
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         kept = {each: given for each, given in loop.parameters.items() if each != name}
         return loop.replace(inputs={**loop.inputs, name: value}, parameters=kept)
@@ -98,6 +118,8 @@ class InputKind(NumberKind):
 
 class ParameterKind(NumberKind):
     """A number of a part, a controller or its sensors, where it acts."""
+
+    is_parameter = True
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         kept = {each: given for each, given in loop.inputs.items() if each != name}
@@ -116,12 +138,16 @@ class ParameterKind(NumberKind):
 class DesignKind(NumberKind):
     """A field of a controller that only its design knows."""
 
+    is_design = True
+
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         return redesigned(loop, name, value)
 
 
 class ShapeKind(NumberKind):
-    """A number of the shape, or of the table, that an input has."""
+    """A number of the shape that an input has."""
+
+    is_shape = True
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         head, _ = in_input(name, loop.input_values)
@@ -132,15 +158,44 @@ class ShapeKind(NumberKind):
         return system, {**inputs, head: reshaped(inputs[head], key, value)}
 
 
+class NodeKind(ShapeKind):
+    """A time or a value of the table that an input has."""
+
+    is_shape = False
+    is_node = True
+
+
 @dataclass(frozen=True)
 class ClockKind(NumberKind):
-    """The sample time, or the delay, of a controller. field: that of `Sampled`."""
+    """A number of the clock of a controller.
 
-    field: str = "period"
+    Attributes
+    ----------
+    last_word
+        Last word of its name.
+    unit
+        Its unit.
+    attribute
+        Its field of `Sampled`.
+    column
+        Its place among the numbers of a clock: sample time, delay, jitter, probability of a missed sample.
+    """
+
+    is_clock = True
+
+    last_word: str = "sample_time"
+    unit: str = "s"
+    attribute: str = "period"
+    column: int = 0
+
+    @property
+    def enters_update(self) -> bool:
+        """Whether it is a parameter of the update of a controller, too, as the sample time is."""
+        return self.column == 0
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         index = sampled_owner(loop, name)
-        changed = dataclasses.replace(loop.controllers[index], **{self.field: value})
+        changed = dataclasses.replace(loop.controllers[index], **{self.attribute: value})
         return loop.with_controllers((*loop.controllers[:index], changed, *loop.controllers[index + 1 :]))
 
     def check(self, loop: Loop, name: str, values: Iterable[float]) -> None:
@@ -148,22 +203,27 @@ class ClockKind(NumberKind):
         index = sampled_owner(loop, name)
         law, dt = loop.designed_controllers[index], getattr(loop.designed_controllers[index], "dt", None)
         for value in values:
-            refuse(f"Argument `{name}`", value, "s", {"above": 0.0} if self.field == "period" else {"at_least": 0.0})
-            if self.field == "period" and dt is not None and abs(value - dt) > 1e-9 * dt:
+            refuse(f"Argument `{name}`", value, self.unit, self.bounds)
+            dataclasses.replace(loop.controllers[index], **{self.attribute: value}).check()
+            if self.enters_update and dt is not None and abs(value - dt) > 1e-9 * dt:
                 raise SceneError(f"Argument `{name}` must be {dt:g} s, for which the controller was designed, but it is {value:g} s.")
-            if self.field == "period" and isinstance(law, Controller):
+            if self.enters_update and isinstance(law, Controller):
                 check_sampled(law, float(value))
 
     def in_run(self, run: Any, loop: Loop, name: str, value: float) -> dict[str, Any]:
-        clocks = [(float(law.period), float(law.delay)) for law in loop.controllers if isinstance(law, Sampled)]
+        sampled = [law for law in loop.controllers if isinstance(law, Sampled)]
+        clocks = [(float(law.period), float(law.delay)) for law in sampled]
+        irregular = [(float(law.jitter), float(law.missed_samples)) for law in sampled]
         system, path = run.system, clock_path(loop, sampled_owner(loop, name))
-        if self.field == "period" and path is not None:
+        if self.enters_update and path is not None:
             system = system.with_parameters({path: value})
-        return {"system": system, "clocks": clocks, "start": run.start.on_clocks(clocks)}
+        return {"system": system, "clocks": clocks, "irregular": irregular, "start": run.start.on_clocks(clocks)}
 
 
 class StartKind(NumberKind):
     """The start value of a state, or of what a sampled controller remembers."""
+
+    is_start = True
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         row = row_of(loop.system, name)  # other names of the same state give way
@@ -174,6 +234,8 @@ class StartKind(NumberKind):
 class ShiftKind(NumberKind):
     """How much later a channel of a recording was written than it was; of a fit alone."""
 
+    is_shift = True
+
 
 INPUT = InputKind("input", has_slope=True, borders=True, poles=True)
 PARAMETER = ParameterKind("parameter", has_slope=True, borders=True, poles=True, of_controller=True)
@@ -182,23 +244,38 @@ DESIGN = DesignKind(
     why="only the design of a law knows it, so that no equation of the loop has a slope by it: vary a gain that it gives",
 )  # fmt: skip
 SHAPE = ShapeKind("shape", why="it shapes an input in time, and steady running has constant inputs")
-NODE = ShapeKind(
+NODE = NodeKind(
     "node", sets_up=False, why="it is a number of a table in time, by which no slope is carried: give `loop.at(name, value)` for each value",
     why_no_sweep="is a table, whose times and values all runs share; simulate `loop.at(name, value)` for each",
 )  # fmt: skip
+HARDWARE = "it belongs to the hardware of the controller, and a search would end at a bound of its range"
+"""Why `tune` does not vary clocks and sensors."""
+
 SAMPLE_TIME = ClockKind(
-    "sample time", field="period", borders=True, poles=True, of_controller=True, redesigns=True,
+    "sample time", borders=True, poles=True, of_controller=True, redesigns=True, why_no_tuning=HARDWARE, meaning="sample time", bounds={"above": 0.0},
     why="it is a sample time, by which a run has no slope, as its samples are taken at other instants: give `loop.at(name, value)` for each value",
 )  # fmt: skip
 DELAY = ClockKind(
-    "delay", field="delay", borders=True, poles=True, of_controller=True, redesigns=True,
+    "delay", last_word="delay", attribute="delay", column=1, borders=True, poles=True, of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
+    meaning="time from a sample until its outputs take effect", bounds={"at_least": 0.0},
     why="it is a delay, by which a run has no slope, as outputs arrive at other instants: give `loop.at(name, value)` for each value",
 )  # fmt: skip
+JITTER = ClockKind(
+    "jitter", last_word="jitter", attribute="jitter", column=2, of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
+    meaning="largest lateness of a sample", bounds={"at_least": 0.0},
+    why="it is jitter, with which a loop has no poles, and runs have no slope, as samples are taken at other instants: vary it by `sweep`",
+)  # fmt: skip
+MISSED = ClockKind(
+    "missed samples", last_word="missed_samples", unit="1", attribute="missed_samples", column=3, of_controller=True, redesigns=True,
+    why_no_tuning=HARDWARE, meaning="probability that a sample is missed", bounds={"at_least": 0.0, "below": 1.0},
+    why="it is a probability of missed samples, with which a loop has no poles, and runs have no slope: vary it by `sweep`",
+)  # fmt: skip
 NOISE = ParameterKind(
-    "noise", borders=True, of_controller=True, why="it is the noise of a sensor, of which smooth running and cycles without noise know nothing",
+    "noise", borders=True, of_controller=True, why_no_tuning=HARDWARE,
+    why="it is the noise of a sensor, of which smooth running and cycles without noise know nothing",
 )  # fmt: skip
 RESOLUTION = ParameterKind(
-    "resolution", borders=True, of_controller=True,
+    "resolution", borders=True, of_controller=True, why_no_tuning=HARDWARE,
     why="it is the step of an encoder, by which the equations of the loop have no slope: what is read jumps from step to step",
 )  # fmt: skip
 START = StartKind("start", sets_up=False, why="it is a start value, of which a motion that has settled knows nothing")
@@ -225,7 +302,7 @@ def reshaped(value: Any, key: str, number: float) -> Any:
 
 
 # ------------------------------------------------------------------------------------------------------------------- clocks of sampled controllers
-CLOCK_KINDS = {"sample_time": SAMPLE_TIME, "delay": DELAY}
+CLOCK_KINDS = {kind.last_word: kind for kind in (SAMPLE_TIME, DELAY, JITTER, MISSED)}
 """{last word of a name: kind}."""
 
 
@@ -262,13 +339,13 @@ def sampled_owner(loop: Loop, name: str) -> int:
     return clock_prefixes(loop)[name.rpartition(".")[0]]
 
 
-def clock_value(loop: Loop, name: str) -> tuple[NumberKind, float] | None:
-    """(kind, value) of the sample time or delay of that name; None for any other name."""
+def clock_value(loop: Loop, name: str) -> tuple[ClockKind, float] | None:
+    """(kind, value) of the number of a clock of that name; None for any other name."""
     head, _, word = name.rpartition(".")
     if word not in CLOCK_KINDS or head not in (prefixes := clock_prefixes(loop)):
         return None
-    law = loop.controllers[prefixes[head]]
-    return CLOCK_KINDS[word], float(law.period if word == "sample_time" else law.delay)
+    kind = CLOCK_KINDS[word]
+    return kind, float(getattr(loop.controllers[prefixes[head]], kind.attribute))
 
 
 def former_name(loop: Loop, name: str) -> str | None:

@@ -7,6 +7,8 @@
     node         a time or a value of the table that an input has                top.torque.values.2
     sample time  the sample time of a controller                                 pi.sample_time
     delay        the time from a sample until its outputs take effect            pi.delay
+    jitter       the largest lateness of a sample                                pi.jitter
+    missed       the probability that a sample is missed                         pi.missed_samples
     noise        the standard deviation of the noise of a sensor                 pi.sensors.noise.0
     resolution   the step of an encoder                                          pi.sensors.resolution.0
     start        the start value of a state, or of what a sampled law remembers  bit.speed, pi.angle
@@ -77,42 +79,42 @@ class Number:
     @property
     def is_input(self) -> bool:
         """Whether it is an input that is held constant."""
-        return self.kind is kinds.INPUT
+        return self.kind.is_input
 
     @property
     def is_parameter(self) -> bool:
         """Whether it is a number of a part, a controller or its sensors, where it acts."""
-        return isinstance(self.kind, kinds.ParameterKind)
+        return self.kind.is_parameter
 
     @property
     def is_design(self) -> bool:
         """Whether only the design of a controller knows it."""
-        return self.kind is kinds.DESIGN
+        return self.kind.is_design
 
     @property
     def is_clock(self) -> bool:
-        """Whether it is the sample time or the delay of a controller."""
-        return isinstance(self.kind, kinds.ClockKind)
+        """Whether it belongs to the clock of a controller: its sample time, delay, jitter or missed samples."""
+        return self.kind.is_clock
 
     @property
     def is_shape(self) -> bool:
         """Whether it is a number of the shape of an input."""
-        return self.kind is kinds.SHAPE
+        return self.kind.is_shape
 
     @property
     def is_node(self) -> bool:
         """Whether it is a time or a value of the table of an input."""
-        return self.kind is kinds.NODE
+        return self.kind.is_node
 
     @property
     def is_start(self) -> bool:
         """Whether it is a start value."""
-        return self.kind is kinds.START
+        return self.kind.is_start
 
     @property
     def is_shift(self) -> bool:
         """Whether it is the shift of a channel of a recording."""
-        return self.kind is kinds.SHIFT
+        return self.kind.is_shift
 
     def in_si(self, word: str, given: Any) -> Any:
         """What an argument of it holds, with text as numbers in its unit."""
@@ -148,9 +150,6 @@ class Number:
     def in_input(self, inputs: Iterable[str]) -> tuple[str, str]:
         """(input, name of the number in its shape or table), for the number of a shape."""
         return kinds.in_input(self.name, inputs)
-
-
-CLOCK_MEANINGS = {"sample time": "sample time", "delay": "time from a sample until its outputs take effect"}
 
 
 def numbers_in(loop: Loop) -> dict[str, Number]:
@@ -205,9 +204,8 @@ def number_of(loop: Loop, name: str) -> Number | None:
         return Number(name, spec.get("unit", "1"), kinds.DESIGN, float(value), spec.get("meaning", ""), _bounds(spec), spec.get("usual"))
     clock = kinds.clock_value(loop, name)
     if clock is not None:
-        kind, value = clock
-        bounds: dict[str, float | None] = {"above": 0.0} if kind is kinds.SAMPLE_TIME else {"at_least": 0.0}
-        return Number(name, "s", kind, value, CLOCK_MEANINGS[kind.word], bounds)
+        clock_kind, value = clock
+        return Number(name, clock_kind.unit, clock_kind, value, clock_kind.meaning, clock_kind.bounds)
     if system.has_parameter(name):
         entry = system._parameter(name)
         if entry.size is not None or kinds.former_name(loop, name) is not None:

@@ -70,6 +70,8 @@ class Case:
         Inputs of this case, which win over those of the scene.
     noise, resolution, seed
         {measured signal: standard deviation}, {measured signal: step} and seed of the noise of a sampled law, as in `Sampled`.
+    jitter, missed_samples
+        Largest lateness of a sample [s] and probability that a sample is missed, as in `Sampled`.
     """
 
     label: str
@@ -80,13 +82,17 @@ class Case:
     noise: Mapping[str, float] = field(default_factory=dict)
     resolution: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
+    jitter: float = 0.0
+    missed_samples: float = 0.0
 
     @property
     def controller(self) -> Any:
         """What `simulate` takes as controller."""
         if self.law is None or self.sample_time is None:
             return self.law
-        return Sampled(self.law, self.sample_time, self.delay, self.noise, self.resolution, self.seed)
+        return Sampled(
+            self.law, self.sample_time, self.delay, self.noise, self.resolution, self.seed, jitter=self.jitter, missed_samples=self.missed_samples
+        )  # fmt: skip
 
     @staticmethod
     def of(label: str, controller: Controller | Sampled | None) -> Case:
@@ -95,7 +101,11 @@ class Case:
             return Case(label, controller)
         if isinstance(controller, Sampled) and isinstance(controller.law, Controller):
             c = controller
-            return Case(label, c.law, c.period, c.delay, noise=c.noise, resolution=c.resolution, seed=c.seed)  # type: ignore[arg-type]
+            law: Controller = controller.law
+            return Case(
+                label, law, float(c.period), float(c.delay), noise=c.noise, resolution=c.resolution, seed=c.seed,
+                jitter=float(c.jitter), missed_samples=c.missed_samples,
+            )  # fmt: skip
         raise SceneError(f"Argument `controller` must be a Controller, or Sampled with one, but it is {controller!r}.")
 
 

@@ -90,7 +90,8 @@ def _resolved_case(case: Case) -> dict[str, Any]:
                 for key in ("noise", "resolution")
                 if getattr(case, key)
             }
-            if case.noise:
+            data |= {key: float(value) for key in ("jitter", "missed_samples") if (value := getattr(case, key))}
+            if case.noise or case.jitter or case.missed_samples:
                 data["seed"] = case.seed
     if case.inputs:
         data["inputs"] = {name: _plain(value) for name, value in case.inputs.items()}

@@ -38,7 +38,7 @@ from toolbox.vocabulary import new_field
 _SHAPES = {**UNITS, "table": {"times": "s", "values": ""}}
 """Units of the numbers of each shape of an input; empty for the unit of the signal."""
 
-SAMPLED = ("delay", "noise", "resolution", "seed")
+SAMPLED = ("delay", "noise", "resolution", "jitter", "missed_samples", "seed")
 """Keys of a controller that only a sampled law has."""
 
 _DOTTED = re.compile(r"""(?:\.[ \t]*+(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+){100}+""")
@@ -259,7 +259,10 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
         if key in data:
             raise SceneError(f"The key `{key}` of `{label}` must come with `sample_time`, but there is none.")
     sensors = {key: _readings(data.get(key, {}), f"{label}.{key}", plant) for key in ("noise", "resolution")}
-    case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"), seed=data.get("seed", 0), **sensors)
+    delay, jitter, missed = (
+        parse(data.get(key, 0.0), unit, f"{label}.{key}") for key, unit in (("delay", "s"), ("jitter", "s"), ("missed_samples", "1"))
+    )
+    case = Case(label, law, sample_time, delay, seed=data.get("seed", 0), jitter=jitter, missed_samples=missed, **sensors)
     return dataclasses.replace(case, inputs=inputs_of(data.get("inputs", {}), f"{label}.inputs", plant, [case]))
 
 

@@ -30,7 +30,7 @@ class Situation:
     design
         How the controllers were designed; empty without controllers.
     surroundings
-        Inputs that vary, and noise of the sensors.
+        Inputs that vary, noise of the sensors, and samples that are late or missed.
     duration
         How long the runs last, and from when on they are judged.
     """
@@ -104,16 +104,36 @@ def _design(loop: ClosedLoop) -> str:
 
 
 def _surroundings(cases: Mapping[str, ClosedLoop]) -> str:
-    """Inputs that vary and noise of the sensors, in words; with the labels of the cases that have the noise, unless all have the same."""
+    """Inputs that vary, noise of the sensors, and samples that are late or missed, in words.
+
+    With the labels of the cases that have the noise, or the samples, unless all have the same.
+    """
     varying = dict.fromkeys(
         name for loop in cases.values() for name, value in loop.input_values.items() if not isinstance(value, (int, float))
     )
-    noisy: dict[tuple[str, ...], list[str]] = {}
-    for label, loop in cases.items():
-        noisy.setdefault(tuple(sorted({name for update in loop.system.updates for name in update.channels})), []).append(label)
     words = [f"{', '.join(varying)} over time" if varying else "constant inputs"]
-    for names, labels in noisy.items():
-        if names:
-            under = f" under {', '.join(f'`{label}`' for label in labels)}" if len(noisy) > 1 else ""
-            words.append(f"noise on {', '.join(names)}{under}")
-    return ", ".join(words if any(noisy) else [*words, "no noise"])
+    noise = {
+        label: ", ".join(sorted({name for update in loop.system.updates for name in update.channels})) for label, loop in cases.items()
+    }
+    words += _each_once({label: f"noise on {names}" if names else "" for label, names in noise.items()}) or ["no noise"]
+    return ", ".join([*words, *_each_once({label: _samples(loop) for label, loop in cases.items()})])
+
+
+def _each_once(words: Mapping[str, str]) -> list[str]:
+    """Words of labelled cases, each once, with its labels unless all cases have the same words; cases without words are left out."""
+    labels: dict[str, list[str]] = {}
+    for label, each in words.items():
+        labels.setdefault(each, []).append(label)
+    return [
+        each + (f" under {', '.join(f'`{label}`' for label in under)}" if len(labels) > 1 else "") for each, under in labels.items() if each
+    ]
+
+
+def _samples(loop: ClosedLoop) -> str:
+    """Lateness and misses of the samples of a loop, in words; empty for a loop that takes every sample in time."""
+    late, missed = (max((entry[k] for entry in loop.assembly.irregular), default=0.0) for k in (0, 1))
+    words = [
+        f"samples late by up to {1e3 * late:.4g} ms" if late else "",
+        f"{100.0 * missed:.3g} % of the samples missed" if missed else "",
+    ]
+    return " and ".join(filter(None, words))

@@ -76,7 +76,7 @@ class Request:
         return Run(
             plant=closed.plant, system=loop.system, duration=duration, start=begin, inputs=loop.input_values, kinds=loop.input_kinds, clocks=closed.clocks,
             controllers=closed.callables, accuracy=accuracy, output_times=grid, longest_step=duration / 256, seeds=closed.seeds, method=method,
-            budget=budget, solver=carry_out, loop=loop,
+            budget=budget, solver=carry_out, loop=loop, irregular=closed.irregular,
         )  # fmt: skip
 
 

@@ -51,6 +51,8 @@ class Run:
         Function that carries the run out and returns a Trajectory.
     loop
         The loop that is run, which knows the units in which it was typed.
+    irregular
+        (jitter [s], probability of a missed sample) of each sampled law.
     """
 
     plant: HybridSystem
@@ -69,6 +71,7 @@ class Run:
     budget: Budget
     solver: Callable[[Run], Any]
     loop: ClosedLoop
+    irregular: list[tuple[float, float]]
 
     @property
     def display_units(self) -> Mapping[str, str]:

@@ -53,8 +53,10 @@ def work_arrays(run: Run, program: Program) -> Any:
     reals[work_layout.POWER] = program.formulas.power
 
     samplers, clocks, keys, queue, widest = _NO_ROWS, _NO_CLOCKS, _NO_KEYS, _NO_QUEUE, 1
+    own_keys = _NO_KEYS
     if system.updates:
         samplers, clocks, keys, queue, widest = _sampling(run, program)
+        own_keys = clock_keys(run.seeds)
     p[program.held_slot : program.held_slot + state.held.size] = state.held
     room = max(4 * n + 2 * ng, 3 * n + 4 * ng, kernel.slopes, n + 6 * ne, state.memory.size + widest, n) + 8
     if run.output_times is not None:
@@ -85,7 +87,7 @@ def work_arrays(run: Run, program: Program) -> Any:
         ev_t=np.empty(events), ev_i=np.empty(events, np.int32), ev_m=np.zeros((events, 3), np.int8),
         jump_t=times, jump_first=first, jump_index=index, jump_value=values,
         out_t=run.output_times if run.output_times is not None else _NO_NUMBERS,
-        samplers=samplers, clocks=clocks, memory=state.memory.copy(), keys=keys, queue=queue,
+        samplers=samplers, clocks=clocks, clock_keys=own_keys, memory=state.memory.copy(), keys=keys, queue=queue,
     )  # fmt: skip
 
 
@@ -133,7 +135,7 @@ def _put_inputs(p: np.ndarray, run: Run, program: Program) -> tuple[np.ndarray, 
 
 
 _NO_NUMBERS = np.empty(0)
-_NO_ROWS, _NO_CLOCKS = np.empty((0, work_layout.COLUMNS), np.int64), np.empty((0, 2))
+_NO_ROWS, _NO_CLOCKS = np.empty((0, work_layout.COLUMNS), np.int64), np.empty((0, 4))
 _NO_KEYS, _NO_QUEUE = np.empty(0, np.uint64), np.empty((0, 2, 1))
 
 
@@ -150,7 +152,7 @@ def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.nd
     """The rows of sampled laws, their clocks, the keys of their noise, the queue of their outputs, and the most outputs that one has."""
     updates = run.system.updates
     samplers = np.zeros((len(updates), work_layout.COLUMNS), np.int64)
-    clocks = np.array(run.clocks, float)
+    clocks = np.hstack([np.array(run.clocks, float), np.array(run.irregular, float)])
     first_state = 0
     for c, update in enumerate(updates):
         size, first_output = update.memory.numel(), program.held_slot + update.first_held
@@ -166,7 +168,7 @@ def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.nd
             len(update.channels),
         )
         first_state += size + len(update.channels)
-    depth = 2 + int(max(np.ceil(min(d, run.duration + h, run.budget.steps * h) / h) for h, d in clocks))
+    depth = 2 + int(max(np.ceil(min(d + jitter, run.duration + h, run.budget.steps * h) / h) for h, d, jitter, _ in clocks))
     depth = max(depth, *(len(rows) + 2 for rows in run.start.waiting))
     widest = max(update.outputs.numel() for update in updates)
     queue = np.zeros((len(updates), depth, widest))
@@ -184,6 +186,13 @@ def noise_keys(updates: Sequence[Any], seeds: Sequence[int]) -> np.ndarray:
     for update, seed in zip(updates, seeds, strict=True):
         keys += [0] * update.memory.numel() + [channel_key(seed, zlib.crc32(name.encode())) for name in update.channels]
     return np.array(keys, np.uint64)
+
+
+def clock_keys(seeds: Sequence[int]) -> np.ndarray:
+    """The keys of lateness and of missed samples of controllers with these seeds, one behind the other."""
+    from toolbox.stepping.noise import channel_key  # here, because LLVM is slow to import
+
+    return np.array([channel_key(seed, zlib.crc32(word)) for seed in seeds for word in (b"lateness", b"missed")], np.uint64)
 
 
 def _event_room(display_units: int, program: Program, left: float) -> int:

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 def equilibrium(loop: ClosedLoop, *, guess: Mapping[str, Any] | None = None, mode: Mapping[str, str] | None = None) -> Equilibrium:
     """Find the steady state dx/dt = 0 for constant inputs and given modes of the contacts.
 
-    Every sliding contact slides in the direction of its mode. Controllers take part in their continuous form. If the
+    A state on which no equation depends may change at a constant rate, such as the angle of a shaft that turns: it
+    keeps its start value in the result. Every sliding contact slides in the direction of its mode. Controllers take part in their continuous form. If the
     plant depends on time, the time is 0.
 
     Parameters
@@ -134,10 +135,10 @@ def steady_state(
     for begin, limits in _begins(plant, u, given, bool(guess)):
         m = _modes_at(plant, begin, u, mode, resting=True)
         sticking = (m == 0.0) & holding_elements(plant)
-        equations, slopes = _rows(*residual_functions(plant), plant, u, m)
+        equations, slopes = _rows(*residual_functions(plant), plant, u, m, given)
         method = "lm" if sticking.any() else "hybr"
         if limits is not None:
-            wide = _rows(limits.residual, limits.jacobian, plant, u, m)
+            wide = _rows(limits.residual, limits.jacobian, plant, u, m, given)
             begin = past_limits(*wide, partial(_held_back, limits, plant, u, m), limits.count, begin, method)
 
         def terms(x: np.ndarray, equations: Any = equations, slopes: Any = slopes) -> np.ndarray:
@@ -193,17 +194,22 @@ Rows = Callable[..., np.ndarray]
 """A function of the states, and of the shares of open limits."""
 
 
-def _rows(residual: NumericFunction, jacobian: NumericFunction, plant: HybridSystem, u: np.ndarray, m: np.ndarray) -> tuple[Rows, Rows]:
-    """The equations of a steady state, which are the flow and the slips of the contacts in stick, and their slopes by the states."""
-    sticking = (m == 0.0) & holding_elements(plant)
+def _rows(
+    residual: NumericFunction, jacobian: NumericFunction, plant: HybridSystem, u: np.ndarray, m: np.ndarray, given: np.ndarray
+) -> tuple[Rows, Rows]:
+    """The equations of a steady state, which are the flow and the slips of the contacts in stick, and their slopes by the states.
+
+    given: values that integrals on which nothing depends keep.
+    """
+    sticking, kept = (m == 0.0) & holding_elements(plant), np.diag(integrals_of(plant).astype(float))
 
     def equations(x: np.ndarray, *share: np.ndarray) -> np.ndarray:
         flow, slip = residual(0.0, x, u, plant.values, m, *share)
-        return np.concatenate([np.array(flow).ravel(), np.array(slip).ravel()[sticking]])
+        return np.concatenate([np.array(flow).ravel() + kept @ (x - given), np.array(slip).ravel()[sticking]])
 
     def slopes(x: np.ndarray, *share: np.ndarray) -> np.ndarray:
         of_flow, of_slip = jacobian(0.0, x, u, plant.values, m, *share)
-        return np.vstack([np.array(of_flow), np.array(of_slip)[sticking]])
+        return np.vstack([np.array(of_flow) + kept, np.array(of_slip)[sticking]])
 
     return equations, slopes
 
@@ -232,7 +238,7 @@ def open_limits(plant: HybridSystem) -> OpenLimits | None:
 
     def functions() -> OpenLimits | None:
         equations = plant.switched_equations
-        values, shares, held_back = opened([equations.field, equations.slip, _free_flow(plant)], plant.x)
+        values, shares, held_back = opened([at_rest(plant, equations.field), equations.slip, _free_flow(plant)], plant.x)
         if not shares.numel():
             return None
         arguments = [plant.t, plant.x, plant.u, plant.p, plant.m, shares]
@@ -550,7 +556,28 @@ def _free(plant: HybridSystem) -> NumericFunction:
 
 
 def _free_flow(plant: HybridSystem) -> ca.SX:
-    return ca.substitute(plant.flow, plant.F, ca.SX.zeros(plant.F.shape)) if plant.elements else plant.flow
+    return at_rest(plant, ca.substitute(plant.flow, plant.F, ca.SX.zeros(plant.F.shape)) if plant.elements else plant.flow)
+
+
+def integrals_of(plant: HybridSystem) -> np.ndarray:
+    """Whether each state is an integral on which no equation depends, as the angle of a shaft may be; shape (states,)."""
+
+    def found() -> np.ndarray:
+        elements = [getattr(element, kind) for element in plant.elements for kind in element.expression_fields]
+        laws = [expression for update in plant.updates for expression in (update.following, update.outputs)]
+        equations = ca.vertcat(
+            *[ca.vec(ca.SX(each)) for each in (*elements, *laws, plant.switched_equations.field, plant.switched_equations.slip)]
+        )
+        read = np.array(ca.DM(ca.jacobian(equations, plant.x).sparsity())).any(axis=0)
+        return np.array(~read)
+
+    return np.array(plant.once(("integrals",), found))
+
+
+def at_rest(plant: HybridSystem, flow: ca.SX) -> ca.SX:
+    """The flow [of all states] that must vanish in a steady state: integrals on which nothing depends may go on."""
+    integrals = integrals_of(plant)
+    return flow * ca.SX(ca.DM(np.where(integrals, 0.0, 1.0))) if integrals.any() else flow
 
 
 def _frictionless(free: NumericFunction, plant: HybridSystem, u: np.ndarray, *share: np.ndarray) -> np.ndarray:
@@ -601,7 +628,7 @@ def residual_functions(plant: HybridSystem) -> tuple[NumericFunction, NumericFun
     >>> print(len(residual_functions(compose(wells.JANSEN_2, BitRock()))))
     2
     """
-    values = [plant.switched_equations.field, plant.switched_equations.slip]
+    values = [at_rest(plant, plant.switched_equations.field), plant.switched_equations.slip]
     slopes = function_of(plant, ("slopes",), lambda: [ca.jacobian(value, plant.x) for value in values])
     return function_of(plant, ("residual",), lambda: values), slopes
 

@@ -17,8 +17,10 @@ from toolbox.arguments import FloatArray
 from toolbox.errors import NoSteadyState, SceneError
 from toolbox.halving import zero
 from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closing import check_regular
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium
+from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.linear import input_values
 from toolbox.steady_states.linear_loop import NoDerivative, checked_smooth
 from toolbox.steady_states.sampled_matrix import matrix_over_period
@@ -29,7 +31,8 @@ REAL = 1e-9
 
 
 def check_slopes(loop: ClosedLoop) -> None:
-    """Raise SceneError where a controller is a Python callable, which has no slope."""
+    """Raise SceneError where a controller is a Python callable, which has no slope, or takes samples late or misses some."""
+    check_regular(loop.assembly.irregular, "for a loop to have poles")
     if loop.assembly.callables:
         raise SceneError(
             "Argument `loop` must hold controllers with slopes, but a Python callable has neither a slope nor a continuous form: `onset` judges its runs."
@@ -107,6 +110,9 @@ class SampledBranch:
             if point.placed(states, memory, {}):
                 yield point.with_outputs(states, memory)
                 yield point.begun(states, {point.names[j]: steady[point.names[j]] for j in point.driven})
+        start = RunState.begun(loop.system, loop.assembly.plant, loop.assembly.clocks, loop.start)
+        if point.placed({name: start[name] for name in loop.plant.states}, {}, {}):
+            yield point.with_outputs({name: start[name] for name in loop.plant.states}, {})
 
     def poles(self, value: float) -> np.ndarray | None:
         """Poles z over the period of the samples; None without steady running."""

@@ -22,6 +22,7 @@ import numpy as np
 from toolbox.arguments import count_of, mapping
 from toolbox.errors import SceneError, SimulationError
 from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closing import check_regular
 from toolbox.modelling.components import Equations, Signal
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
@@ -32,7 +33,7 @@ from toolbox.simulation.budget import Budget
 from toolbox.simulation.methods import EventExact
 from toolbox.simulation.samples import Samples
 from toolbox.simulation.simulate import simulate
-from toolbox.steady_states.linear import equilibrium, input_values, linearise
+from toolbox.steady_states.linear import at_rest, equilibrium, input_values, linearise, residual_functions
 from toolbox.steady_states.linear_loop import LinearLoop, NoDerivative, acts, checked_smooth, zero_order_hold
 from toolbox.steady_states.running import at_set_points
 
@@ -81,11 +82,8 @@ def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> Steady
     for element in closed.elements:
         if element.name not in own:
             raise NoDerivative(f"`{element.name}` of the law switches")
-    checked_smooth(
-        lambda x: np.array(closed.rhs(0.0, x, point.inputs, closed.values, mode_numbers(closed, point.modes))).ravel(),
-        _slope(closed, point),
-        point.states,
-    )
+    flow, modes = residual_functions(closed)[0], mode_numbers(closed, point.modes)
+    checked_smooth(lambda x: np.array(flow(0.0, x, point.inputs, closed.values, modes)[0]).ravel(), _slope(closed, point), point.states)
     broken = dataclasses.replace(loop, controllers=tuple(Broken(law) for law in loop.designed_controllers))
     drives = tuple(name for law in loop.designed_controllers for name in law.actuated_signals)
     commands = {plant.redirected_signals.get(name, name): float(point[plant.redirected_signals.get(name, name)]) for name in drives}
@@ -122,7 +120,7 @@ class SampledPoint:
     def __init__(self, system: HybridSystem, plant: HybridSystem, clocks: Sequence[tuple[float, float]], inputs: Mapping[str, float]):
         self.system, self.clocks = system, clocks
         self.u = input_values(system, inputs)
-        field = system.switched_equations.field
+        field = at_rest(system, system.switched_equations.field)
         following, outputs = (
             [system.substitute_forces(ca.densify(each)) for each in pair]
             for pair in zip(*[(update.following, update.outputs) for update in system.updates], strict=True)
@@ -300,6 +298,7 @@ def without_sensor_errors(loop: ClosedLoop) -> ClosedLoop:
 def sampled_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoop:
     """The loop of sampled laws, with continuous ones as a part of the plant; raises NoDerivative where a law has none at steady running."""
     exact = without_sensor_errors(loop)
+    check_regular(exact.assembly.irregular, "for a loop to have a linear form")
     plant, inputs, system, clocks = loop.plant, loop.constant_inputs("a linear loop"), exact.system, exact.assembly.clocks
     check_one_direction(system.elements, "The linear loop of a sampled law", "let the law act continuously")
     if any(update.from_callable for update in system.updates):

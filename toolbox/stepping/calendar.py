@@ -10,7 +10,7 @@ from toolbox.compilation import work_layout as layout
 from toolbox.stepping.guards import bounds_hold, loads_hold, nudge, refresh, two_directions, without_lever
 from toolbox.stepping.holding import holds
 from toolbox.stepping.modes import settle, turn_switches
-from toolbox.stepping.noise import normal
+from toolbox.stepping.noise import normal, uniform
 from toolbox.translation.words import call
 
 GO_ON = -1
@@ -95,6 +95,19 @@ def jumps(w, t):
     return changed
 
 
+def sampled_at(w, c, k):
+    """The instant at which a controller takes its sample of number k: late by its jitter, but for the first."""
+    instant = k * w.clocks[c, 0]
+    if w.clocks[c, 2] > 0.0 and k > 0:
+        instant += w.clocks[c, 2] * uniform(w.clock_keys[2 * c], k)
+    return instant
+
+
+def misses(w, c, k):
+    """Whether a controller misses its sample of number k; never the first."""
+    return w.clocks[c, 3] > 0.0 and k > 0 and uniform(w.clock_keys[2 * c + 1], k) < w.clocks[c, 3]
+
+
 def samples(w, t):
     """Take all samples due at time t, then hold the outputs due. Returns (status, whether a held value was set).
 
@@ -103,7 +116,10 @@ def samples(w, t):
     depth = w.queue.shape[1]
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
-        if s[layout.TAKEN] * w.clocks[c, 0] <= t and t < w.reals[layout.END]:
+        due = sampled_at(w, c, s[layout.TAKEN]) <= t and t < w.reals[layout.END]
+        if due and misses(w, c, s[layout.TAKEN]):
+            s[layout.TAKEN] += 1
+        elif due:
             if s[layout.ADDRESS] == 0:
                 w.ints[layout.CULPRIT] = c
                 return layout.SAMPLE_DUE, False
@@ -125,12 +141,13 @@ def samples(w, t):
     changed = False
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
-        while s[layout.APPLIED] < s[layout.TAKEN] and s[layout.APPLIED] * w.clocks[c, 0] + w.clocks[c, 1] <= t:
-            slot = s[layout.APPLIED] % depth if depth > 1 else 0
-            for i in range(s[layout.OUTPUTS]):
-                w.p[s[layout.FIRST_OUTPUT] + i] = w.queue[c, slot, i]
+        while s[layout.APPLIED] < s[layout.TAKEN] and sampled_at(w, c, s[layout.APPLIED]) + w.clocks[c, 1] <= t:
+            if not misses(w, c, s[layout.APPLIED]):
+                slot = s[layout.APPLIED] % depth if depth > 1 else 0
+                for i in range(s[layout.OUTPUTS]):
+                    w.p[s[layout.FIRST_OUTPUT] + i] = w.queue[c, slot, i]
+                changed = True
             s[layout.APPLIED] += 1
-            changed = True
     return layout.DONE, changed
 
 
@@ -141,9 +158,9 @@ def next_stop(w):
         stop = min(stop, w.jump_t[w.ints[layout.JUMP]])
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
-        stop = min(stop, s[layout.TAKEN] * w.clocks[c, 0])
+        stop = min(stop, sampled_at(w, c, s[layout.TAKEN]))
         if s[layout.APPLIED] < s[layout.TAKEN]:
-            stop = min(stop, s[layout.APPLIED] * w.clocks[c, 0] + w.clocks[c, 1])
+            stop = min(stop, sampled_at(w, c, s[layout.APPLIED]) + w.clocks[c, 1])
     return stop
 
 

@@ -37,6 +37,12 @@ def _normal(key, sample):
     return math.sqrt(-2.0 * math.log(radius)) * math.cos(2.0 * math.pi * angle)
 
 
+def uniform(key, sample):
+    """A number between 0 and 1 that is a function of a channel's key and the number of the sample alone."""
+    counter = key + np.uint64(2 * sample + 1) * np.uint64(0x9E3779B97F4A7C15)
+    return (float(scrambled(counter) >> np.uint64(11)) + 0.5) * 2.0**-53
+
+
 class Channel(NamedTuple):
     """A channel of noise: its key, shape (1,), and room for its first numbers."""
 

@@ -30,7 +30,7 @@ from toolbox.simulation.budget import UNHURRIED
 from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
 from toolbox.simulation.failures import exhausted, failure
 from toolbox.simulation.run import Run
-from toolbox.simulation.work_arrays import limited, noise_keys, work_arrays
+from toolbox.simulation.work_arrays import clock_keys, limited, noise_keys, work_arrays
 from toolbox.steady_states.equilibria import state_values
 
 
@@ -62,7 +62,8 @@ class Task:
     """n runs of one closed loop.
 
     run: everything they share;  numbers: parameters and coefficients of inputs, shape (n, first_held) in the layout of `Program`;  starts: shape (n,
-    states), None for that of `run`;  clocks: (sample time, delay) of the sampled controllers, shape (n, controllers, 2), None for those of `run`;
+    states), None for that of `run`;  clocks: (sample time, delay, jitter, probability of a missed sample) of the sampled controllers, shape
+    (n, controllers, 4), None for those of `run`;
     memories: of the sampled laws, shape (n, m);  held: signals held at the start, shape (n, h), None for those of `run`;  seeds: of the noise of each
     sampled law, shape (n, laws), None for those of `run`;
     measures: read by a `RunningMeasures`, all from trajectories where one has no compiled form;
@@ -146,11 +147,13 @@ def pays_in_lanes(task: Task, steps: int) -> bool:
 def runs_in_lanes(task: Task) -> bool:
     """Whether a task can run in vector lanes, and is not slower there.
 
-    Lanes take explicit methods, Taylor series among them, and laws in machine code, but no runs that go on from another one, nor friction with two slip
-    directions. They pay where events are settled in lanes, too: not with impacts, nor with friction that loses its load; and while the step is a straight
-    line of instructions.
+    Lanes take explicit methods, Taylor series among them, and laws in machine code, but no runs that go on from another one, no jitter or missed
+    samples, nor friction with two slip directions. They pay where events are settled in lanes, too: not with impacts, nor with friction that loses its
+    load; and while the step is a straight line of instructions.
     """
     run = task.run
+    if np.any(run.irregular if task.clocks is None else task.clocks[:, :, 2:]):  # lanes count samples by their number alone
+        return False
     if not run.method.in_lanes or run.controllers or run.start.carried or run.budget != UNHURRIED:
         return False
     if not all(measure.in_loops for measure in task.metrics) or any(element.directions > 1 for element in run.system.elements):
@@ -216,7 +219,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
         if task.held is not None:
             work.p[held] = task.held[i]
         if task.seeds is not None:
-            work.keys[:] = noise_keys(run.system.updates, task.seeds[i])
+            work.keys[:], work.clock_keys[:] = noise_keys(run.system.updates, task.seeds[i]), clock_keys(task.seeds[i])
         if task.clocks is not None:
             work.clocks[:] = task.clocks[i]
         readings.begin()
@@ -253,9 +256,8 @@ def with_room(run: Run, clocks: np.ndarray | None) -> Run:
     """The run with sample times and delays by which at least as many outputs are on their way as in any run with those clocks."""
     if clocks is None:
         return run
-    return dataclasses.replace(
-        run, clocks=list(zip(clocks[:, :, 0].min(axis=0).tolist(), clocks[:, :, 1].max(axis=0).tolist(), strict=True))
-    )
+    latest = (clocks[:, :, 1] + clocks[:, :, 2]).max(axis=0)
+    return dataclasses.replace(run, clocks=list(zip(clocks[:, :, 0].min(axis=0).tolist(), latest.tolist(), strict=True)))
 
 
 def single(task: Task, i: int) -> Run:
@@ -293,15 +295,16 @@ def single(task: Task, i: int) -> Run:
     return dataclasses.replace(base, plant=plant, system=system, inputs=inputs, start=start, loop=loop, seeds=seeds)
 
 
-def _on_clocks(run: Run, clocks: list[tuple[float, float]]) -> Run:
-    """A run whose sampled controllers have other sample times and delays."""
+def _on_clocks(run: Run, clocks: list[tuple[float, float, float, float]]) -> Run:
+    """A run whose sampled controllers have other clocks, as in `Task`."""
     given, laws = iter(clocks), []
     for law in run.loop.controllers:
         if isinstance(law, Sampled):
-            period, delay = next(given)
-            law = dataclasses.replace(law, period=period, delay=delay)
+            period, delay, jitter, missed = next(given)
+            law = dataclasses.replace(law, period=period, delay=delay, jitter=jitter, missed_samples=missed)
         laws.append(law)
-    return dataclasses.replace(run, clocks=clocks, loop=run.loop.with_controllers(laws))
+    clocks_now, irregular = [each[:2] for each in clocks], [each[2:] for each in clocks]
+    return dataclasses.replace(run, clocks=clocks_now, irregular=irregular, loop=run.loop.with_controllers(laws))
 
 
 def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str], rows: Iterable[int]) -> None:

@@ -22,7 +22,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.input_kinds import extremes
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller, Sampled
-from toolbox.modelling.number_kinds import SAMPLE_TIME, clock_path, sampled_owner
+from toolbox.modelling.number_kinds import ClockKind, clock_path, sampled_owner
 from toolbox.modelling.numbers import Number, is_remembered
 from toolbox.modelling.opposing import driving_of
 from toolbox.modelling.start import place_starts
@@ -68,7 +68,9 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
             touched.append((part, offset))
         offset += size
     for k, number in enumerate(numbers):  # the sample time enters the update of a controller, too
-        path = clock_path(loop, sampled_owner(loop, number.name)) if number.kind is SAMPLE_TIME else None
+        path = (
+            clock_path(loop, sampled_owner(loop, number.name)) if isinstance(number.kind, ClockKind) and number.kind.enters_update else None
+        )
         if path is not None:
             places, points = [*places, system._parameter(path).offset], np.column_stack([points, variations.points[:, k]])
     broken: dict[int, str] = {}
@@ -310,16 +312,16 @@ def passing(part: Any, row: np.ndarray, first: int, places: Sequence[int]) -> Ca
 
 
 def varied_clocks(run: Run, variations: Variations) -> np.ndarray | None:
-    """Sample times and delays of the sampled controllers of every run, shape (runs, controllers, 2); None where all have the same."""
+    """The clocks of the sampled controllers of every run, shape (runs, controllers, 4), as in `Task`; None where all have the same."""
     loop = run.loop
-    varied = [(loop.number(name), column) for name, column in zip(variations.names, variations.points.T, strict=True)]
-    varied = [(number, column) for number, column in varied if number.is_clock]
+    numbers = [(loop.number(name), column) for name, column in zip(variations.names, variations.points.T, strict=True)]
+    varied = [(number.kind, number.name, column) for number, column in numbers if isinstance(number.kind, ClockKind)]
     if not varied:
         return None
     sampled = [k for k, law in enumerate(loop.controllers) if isinstance(law, Sampled)]
-    found = np.tile(np.array(run.clocks, float), (len(variations.points), 1, 1))
-    for number, column in varied:
-        found[:, sampled.index(sampled_owner(loop, number.name)), 0 if number.kind is SAMPLE_TIME else 1] = column
+    found = np.tile(np.hstack([np.array(run.clocks, float), np.array(run.irregular, float)]), (len(variations.points), 1, 1))
+    for kind, name, column in varied:
+        found[:, sampled.index(sampled_owner(loop, name)), kind.column] = column
     return found
 
 
@@ -339,7 +341,9 @@ def varied_held(run: Run, variations: Variations) -> np.ndarray | None:
     if clocks is None:
         varied = held_defaults(run.system, plant, run.clocks, values)
     else:
-        varied = np.array([held_defaults(run.system, plant, each, column) for each, column in zip(clocks.tolist(), values.T, strict=True)])
+        varied = np.array(
+            [held_defaults(run.system, plant, each, column) for each, column in zip(clocks[:, :, :2].tolist(), values.T, strict=True)]
+        )
     return np.where(run.start.held == declared, varied, run.start.held)  # what the loop gives as a start value stays
 
 
@@ -361,7 +365,7 @@ def fingerprints(run: Run, varied: Sequence[str], **more: Any) -> dict[str, str]
     """What a run is made of, but for the inputs that are varied, and what else is given, argument by argument, as digests."""
     content = {
         "machine": [_plain(structure_of(part)) for part in run.system.parts] + [run.system.values.tolist()],
-        "controller": [_name(law) for law in run.controllers] + [run.clocks, run.seeds],
+        "controller": [_name(law) for law in run.controllers] + [run.clocks, run.seeds, *(run.irregular if np.any(run.irregular) else ())],
         "inputs": [(k, _number(v)) for k, v in sorted(run.inputs.items()) if k not in varied],
         "start": [str([(word, np.asarray(array).tolist()) for word in BEGIN for array in _arrays(getattr(run.start, word))])],
         "accuracy": [run.accuracy],

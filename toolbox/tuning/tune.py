@@ -224,7 +224,9 @@ def _free(loop: ClosedLoop, bounds: Any) -> tuple[Free, ...]:
     for name, pair in bounds.items():
         number = loop.number(name)
         if not number.is_design and not (number.is_parameter and loop.system._parameter(number.name).offset in own):
-            raise SceneError(f"Argument `ranges` must hold numbers of the law that is tuned, but `{name}` is none: vary it by `sweep`.")
+            why = number.kind.why_no_tuning or "it is none of them"
+            how = "give `loop.at(name, value)` for each value" if number.kind.why_no_sweep else "vary it by `sweep`"
+            raise SceneError(f"Argument `ranges` must hold gains of the controller that is tuned, not `{name}`, because {why}: {how}.")
         if number.name in loop.parameters:
             raise SceneError(f"Argument `ranges` must not hold `{name}`, because `parameters` of the scene says what it is.")
         ends = number.in_si(f"bounds.{name}", pair)

@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import Controller, Equations, HybridSystem, Quantity, SceneError, Update, measure, quantity, simulate, time
-from toolbox.authoring import columns, new_names_only, number
+from toolbox.authoring import columns, new_names_only, number, stands
 from toolbox.inputs import sine
 from toolbox.modelling import OptionalQuantity
 
@@ -213,10 +213,6 @@ def widest(frequencies: Sequence[float] | np.ndarray, fine: Sequence[bool] | np.
     return max(runs, key=lambda run: run[1] / run[0]) if runs else (np.nan, np.nan)
 
 
-STANDING = 0.999
-"""Share of the time in stick from which on a contact is said to stand."""
-
-
 @dataclass(frozen=True)
 class DitherMap:
     """Swing of a signal under a dithered load, as a fraction of its swing without dither: the result of `dither_map`.
@@ -242,7 +238,7 @@ class DitherMap:
     @property
     def stands(self) -> np.ndarray:
         """Where the contact stands at the end, in the order of `swing`: dither has stopped what it should keep moving."""
-        return self.stuck >= STANDING
+        return stands(self.stuck)
 
     def calm(self, below: float = 0.5) -> np.ndarray:
         """Where the contact slips and the swing stays below that fraction of the swing without dither, in the order of `swing`."""
@@ -366,14 +362,14 @@ def dither_map(
         run = simulate(plant, duration, inputs={**given, **wave}, **arguments)
         extent = measure.extent(run, signal, duration / 2)
         stuck = measure.stuck_ratio(run, contact, duration / 2)
-        stands = measure.stuck_ratio(run, contact, 7 * duration / 8) >= STANDING
-        return extent.maximum - extent.minimum, 1.0 if stands else stuck
+        standing = stands(measure.stuck_ratio(run, contact, 7 * duration / 8))
+        return extent.maximum - extent.minimum, 1.0 if standing else stuck
 
     alone, stuck = found(0.0, 1.0)
-    if stuck >= STANDING or not alone > 0:
+    if stands(stuck) or not alone > 0:
         calm = (
             f"The contact `{contact}` stands without dither"
-            if stuck >= STANDING
+            if stands(stuck)
             else f"The plant is calm without dither: `{signal}` does not swing"
         )
         raise SceneError(

@@ -83,6 +83,11 @@ class TorsionalChain(Component):
             whole("chain.collar_index", self.collar_index, -n, n - 1)
 
     @property
+    def element_count(self) -> int:
+        """Number of elements of the string."""
+        return len(self.stiffness)
+
+    @property
     def mode_summary(self) -> str:
         """Text with the number of inertias and the first torsional natural frequencies, without drive and rock."""
         k, n = np.array(self.stiffness, float), len(self.inertia)

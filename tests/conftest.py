@@ -39,9 +39,11 @@ def pytest_configure(config):
     if not config.pluginmanager.has_plugin("stickslip_pytest"):  # an installation registers it
         config.pluginmanager.import_plugin("stickslip_pytest")
     _refuse_former_column_heads()
-    here = not config.getoption("numprocesses", None)  # tests run in this process, not in others that it starts
-    if here and config.option.markexpr == "not slow" and not config.option.users_code:
-        _compile_quickly()
+    if not config.getoption("numprocesses", None):  # tests run in this process, not in others that it starts
+        quick = config.option.markexpr == "not slow" and not config.option.users_code
+        _keep_code_apart(quick)
+        if quick:
+            _compile_quickly()
 
 
 def _refuse_former_column_heads():
@@ -66,6 +68,19 @@ def _refuse_former_column_heads():
     tables.write = checked(tables.write, lambda path, headings, *_: [word.split(" [")[0] for word in headings])
 
 
+def _keep_code_apart(quick):
+    """Keep the code of the quick suite, and that of all others of one version of LLVM, in a folder of its own.
+
+    A folder keeps 4096 files. The slow suite and the two samples of `.ci/run`, which are of other versions, shared that of the user: the samples threw out
+    what the slow suite had made, so that it compiled everything again each time.
+    """
+    import llvmlite
+
+    from toolbox.files.kept_code import cache_directory
+
+    os.environ["STICKSLIP_CACHE_DIR"] = str(cache_directory() / ("quick" if quick else f"tests-{llvmlite.__version__}"))
+
+
 def _compile_quickly():
     """The code of every model is generated in the hurry in which users have that of large ones: the same arithmetic, to the last bit, which runs half as fast.
 
@@ -75,9 +90,7 @@ def _compile_quickly():
     import llvmlite.binding as llvm
 
     from toolbox.compilation import emitter
-    from toolbox.compilation.kept_code import cache_directory
 
-    os.environ["STICKSLIP_CACHE_DIR"] = str(cache_directory() / "quick")
     llvm.set_option("tests", "-fast-isel=false")  # else products and sums are not fused, which changes their last bits
     object_code = emitter.object_code
 

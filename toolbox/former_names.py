@@ -82,7 +82,10 @@ ENTRIES = (
           "intensity of the process noise of the torque of the drive"),
     Entry("NonlinearMPC", "strength_walk", "strength_process_noise", "intensity of the process noise of the strength of the rock"),
     # set-points
-    Entry("lowest_set_point LowestSetPoints schedule", "before", "initial_controller", "controller whose stick-slip is taken over"),
+    Entry("lowest_set_point LowestSetPoints", "before", "initial_controller", "controller whose stick-slip is taken over"),
+    Entry("schedule", "before", "starts", "start of the judged runs, such as `TakenOver(StiffPI())`"),
+    Entry("schedule", "initial_controller", "starts", "start of the judged runs, such as `TakenOver(StiffPI())`"),
+    Entry("chance", "start", "starts", "start of the judged runs, such as `FromRest()`"),
     Entry("lowest_set_point", "ways", "protocols", "protocols of the takeover"),
     Entry("lowest_set_point", "lasts", "long_run", "whether a set-point is confirmed for half an hour"),
     Entry("SetPointLimit", "until", "highest_set_point", "highest set-point that holds"),
@@ -428,7 +431,9 @@ ENTRIES = (
     Entry("stickslip-margins", "--wrong", "--uncertainty", "deviation of a parameter"),
     Entry("stickslip-map", "--off", "--uncertainty", "deviation of parameters"),
     Entry("stickslip-onset stickslip-chance stickslip-setpoints", "--uncertain", "--uncertainty", "distribution of a parameter"),
-    Entry("stickslip-setpoints stickslip-schedule", "--before", "--initial-controller", "controller whose stick-slip is taken over"),
+    Entry("stickslip-setpoints", "--before", "--initial-controller", "controller whose stick-slip is taken over"),
+    Entry("stickslip-schedule", "--before", "--start", "start of the judged runs, such as takeover:LABEL"),
+    Entry("stickslip-schedule", "--initial-controller", "--start", "start of the judged runs, such as takeover:LABEL"),
     Entry("stickslip-setpoints", "--way", "--protocol", "protocol of the takeover"),
     Entry("stickslip-posterior", "--hole", "--max-gap", "largest gap, in samples"),
 )  # fmt: skip

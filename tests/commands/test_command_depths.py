@@ -123,7 +123,7 @@ def test_a_number_of_the_law_that_the_scene_gives_as_an_input_is_refused_by_its_
         ),
         ([WELL, "--depths", "1km"], "`--depths` must hold at least two rising depths"),
         ([WELL, "--depths", "100m", "2km"], "`end_depth` must be > 200 m"),
-        ([WELL, "--depths", "1km", "2km", "--initial-controller", "stif PI"], "did you mean `stiff PI`"),
+        ([WELL, "--depths", "1km", "2km", "--start", "takeover:stif PI"], "did you mean `stiff PI`"),
         ([WELL, "--depths", "1km", "2 kN"], "`depths.1` must be in m, but `2 kN` is in kN"),
         ([WELL, "--depths", "1km", "2km", "--duration", "0"], "`--duration` must be > 0 s"),
     ],

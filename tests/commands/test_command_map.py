@@ -76,6 +76,11 @@ def test_a_folder_that_cannot_be_written_is_told_before_a_controller_that_has_no
     assert "no number `top.reference`" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
+def test_an_input_that_varies_in_time_is_refused_with_the_option_that_holds_it(tmp_path, capsys):
+    assert main(["map", str(SCENES / "brake_laws.toml"), *GROAN, "--out", str(tmp_path / "groan")]) == 2
+    assert "`--hold pad.attachment=VALUE`" in capsys.readouterr().err and not (tmp_path / "groan").exists()
+
+
 def without_steady_state(*arguments, **options):
     raise NoSteadyState("There is no steady state.")
 

@@ -82,21 +82,7 @@ def test_a_scene_gives_both_borders_of_every_controller_that_has_the_parameter(r
 
 def test_the_printed_hopf_speed_is_that_of_the_closed_form(root, capsys):
     scene = root / "studies" / "scenes" / "veraszto_stepan.toml"
-    assert (
-        main(
-            [
-                "onset",
-                str(scene),
-                "--range",
-                "block.belt_speed=0.1:400 mm/s",
-                "--values",
-                "3",
-                "--tolerance",
-                "0.02",
-            ]
-        )
-        == 0
-    )
+    assert main(["onset", str(scene), "--range", "block.belt_speed=0.1:400 mm/s", "--values", "3", "--tolerance", "0.02"]) == 0
     hopf = 1e-3 * float(re.search(r"Hopf point, hard loss +([0-9.]+) mm/s", capsys.readouterr().out)[1])  # answered as it was asked
     assert hopf == pytest.approx(oscillators.hopf_speed(oscillators.VERASZTO_STEPAN), rel=1e-5)
 

@@ -28,10 +28,10 @@ from controllers.observers import Kalman
 from controllers.string_model import drilling_point
 from models import BitRock, wells
 from studies.questions import chatter
+from tests.plants import RIG
 from toolbox import Sampled, SceneError, compose, simulate
 from toolbox.inputs import sine
 
-RIG = compose(wells.JANSEN_2, BitRock())
 NUMBERS = {"reference": 12.0, "lowest_torque": 0.0, "highest_torque": 20_000.0}
 SLIDING = (SlidingMode, ImplicitSlidingMode, SuperTwisting, ImpedanceSuperTwisting)
 LAWS = {kind.__name__: lambda late, kind=kind: kind(delay_samples=late, **NUMBERS) for kind in SLIDING}

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from controllers import PI, Lifting, LinearMPC, NonlinearMPC, SoftTorque, StiffPI, ZTorque
-from models import BitRock, wells
 from studies import gains
-from toolbox import Sampled, SceneError, closed_loop, compose, inputs, margins, measure, simulate
+from tests.plants import RIG
+from toolbox import Sampled, SceneError, closed_loop, inputs, margins, measure, simulate
 from toolbox.modelling import Takeover
 from toolbox.robustness.starts import at_set_point
 
-RIG = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
 HEAVY = {"chain.inertia": (1.2 * 2122.0, 374.0)}
 SPEED = 4.5

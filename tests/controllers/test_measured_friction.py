@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from controllers import BrakeForce, HeldSpeed, groan_border
-from models import DiscBrake, Exponential, GaussianStribeck, StepFriction, Tabulated, Viscous
+from models import BrakeActuator, DiscBrake, Exponential, GaussianStribeck, StepFriction, Tabulated, Viscous
 from studies.questions import brake_check as own
 from studies.questions import brakes
-from toolbox import SceneError, closed_loop, compose, equilibrium, linearise, measure, simulate
+from tests.refusals import refusals
+from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, linearise, measure, simulate
+from toolbox.inputs import sine
 from toolbox.measuring import metrics
 
 SPEEDS, COEFFICIENTS = own.SPEEDS, own.COEFFICIENTS
@@ -78,19 +80,14 @@ def test_an_exponential_law_has_its_border_in_one_piece():
     assert "exp(0.6 s/rad" in str(found)
 
 
-def test_what_has_no_border_is_refused_with_what_to_give():
-    with pytest.raises(SceneError, match="`border_speeds`"):
-        groan_border(brake(StepFriction()))
-    with pytest.raises(SceneError, match="does not fall"):
-        groan_border(brake(Tabulated(speeds=(0.0, 1.0), coefficients=(0.3, 0.4), static=0.4)))
-    with pytest.raises(SceneError, match="given together"):
-        BrakeForce(border_forces=(100.0,)).check()
-    with pytest.raises(SceneError, match="begin at 0"):
-        BrakeForce(border_speeds=(1.0, 2.0), border_forces=(100.0, 200.0)).check()
-    with pytest.raises(SceneError, match="one length"):
-        BrakeForce(border_speeds=(0.0, 2.0), border_forces=(100.0,)).check()
-    with pytest.raises(SceneError, match="`border_growth` is missing"):
-        BrakeForce(margin=0.8, border=500.0).design(brake())
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda: groan_border(brake(StepFriction())), "`border_speeds`"),
+    (lambda: groan_border(brake(Tabulated(speeds=(0.0, 1.0), coefficients=(0.3, 0.4), static=0.4))), "does not fall"),
+    (lambda: BrakeForce(border_forces=(100.0,)).check(), "given together"),
+    (lambda: BrakeForce(border_speeds=(1.0, 2.0), border_forces=(100.0, 200.0)).check(), "begin at 0"),
+    (lambda: BrakeForce(border_speeds=(0.0, 2.0), border_forces=(100.0,)).check(), "one length"),
+    (lambda: BrakeForce(margin=0.8, border=500.0).design(brake()), "`border_growth` is missing"),
+)  # fmt: skip
 
 
 # --- the laws take it
@@ -134,6 +131,20 @@ def test_a_force_eased_with_a_jerk_never_exceeds_the_border_and_its_twin_does():
     assert share < 0.82 and twin > 2.0  # 0.8, and the last sample before a lower piece
     assert jerk < 1.35 * 5.0 < twin_jerk  # the friction is up to 0.445 where 0.385 is expected
     assert twin_distance < distance < twin_distance + 0.5
+
+
+def test_with_a_fifth_more_friction_a_force_eased_with_a_jerk_is_silent_and_its_twin_is_not():
+    plant = compose(DiscBrake(force=0.0, friction=TABLE, wheel_radius=own.WHEEL), BrakeActuator())
+    more = {"pad.friction.coefficients": 1.2 * np.array(COEFFICIENTS), "pad.friction.static": 1.2 * 0.45}
+    found = []
+    for jerk in (None, 5.0):
+        law = BrakeForce(car_deceleration=own.WANTED, friction=0.385, margin=0.8, car_jerk=jerk)
+        run = simulate(
+            plant, 6.0, start={"disc.car_speed": "30 km/h"}, inputs={"pad.attachment": sine(0.0, 4.0, 40.0)},
+            controller=Sampled(law, 1e-3, delay=0.002), parameters=more,
+        )  # fmt: skip
+        found.append(metrics.releases("pad", 0.2, measure.standstill(run, "disc.car_speed", 0.03)).read(run))
+    assert found[0] >= 2 and found[1] == 0
 
 
 def test_the_eased_force_falls_along_a_constant_jerk_to_each_lower_piece():

@@ -11,11 +11,11 @@ import pytest
 
 from controllers import LQR, StiffPI
 from controllers.observers import Kalman, MovingHorizon
-from models import BitRock, BlockOnBelt, wells
+from models import BlockOnBelt
+from tests.plants import RIG
 from toolbox import Sampled, SceneError, compose, simulate
 from toolbox.modelling import ObserverBasedController
 
-RIG = compose(wells.JANSEN_2, BitRock())
 FREE = {"lowest_speed": None, "lowest_torque": None}
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
 

@@ -16,6 +16,7 @@ from models import BitRock, DrillString, Section, ToolJoint, inner_diameter, sha
 from toolbox import Sampled, SceneError, closed_loop, compose, margins, simulate
 from toolbox.drilling import schedule
 from toolbox.export.scheduled_c import export_schedule
+from toolbox.robustness import TakenOver
 
 TOP, SPEED = 2000.0, "120 rpm"
 JOINT = ToolJoint("6.625 in", "3.25 in", "21 in", every="31.7 ft")
@@ -53,7 +54,7 @@ def test_the_table_holds_the_designs_and_is_linear_between(found):
 
 @pytest.mark.slow
 def test_one_law_over_depth_ends_stick_slip_where_that_of_no_single_depth_does():
-    found = schedule(well, ["1 km", "2 km", "3 km", 5000.0], law, "120 s", initial_controller=StiffPI(reference=SPEED))
+    found = schedule(well, ["1 km", "2 km", "3 km", 5000.0], law, "120 s", starts=TakenOver(StiffPI(reference=SPEED), 4))
     assert found.holds and [each.depth for each in found.checked] == [1000.0, 1500.0, 2000.0, 2500.0, 3000.0, 4000.0, 5000.0]
     assert [each.designed for each in found.checked] == [True, False, True, False, True, False, True] and all(
         each.runs == 4 for each in found.checked
@@ -79,7 +80,7 @@ def test_one_law_over_depth_ends_stick_slip_where_that_of_no_single_depth_does()
 @pytest.mark.slow
 def test_a_table_that_is_too_coarse_is_found_out_between_its_rows():
     """The integral gain falls with the square of the length, so that halfway between 1000 and 3000 m a straight line is nearly twice too high."""
-    found = schedule(well, (1000.0, 3000.0), law, "120 s", initial_controller=StiffPI(reference=SPEED))
+    found = schedule(well, (1000.0, 3000.0), law, "120 s", starts=TakenOver(StiffPI(reference=SPEED), 4))
     assert [each.failed > 0 for each in found.checked] == [False, True, False] and not found.holds
     assert "runs fail at 2000 m" in str(found)
 

@@ -8,6 +8,7 @@ import pytest
 
 from controllers import StiffPI
 from models import AxialChain, BitRock, BlockOnBelt, ElasticRock, wells
+from tests.plants import RIG
 from toolbox import Sampled, Scene, closed_loop, compose, export_fmu, simulate
 
 pytest.importorskip("fmpy", reason="FMUs are loaded with fmpy, which is not here")
@@ -18,7 +19,6 @@ from studies.benchmarks.fmu_masters import exchanged, switches_of
 pytestmark = pytest.mark.skipif(
     shutil.which("cc") is None or sys.platform != "linux", reason="an FMU is compiled with `cc`, which is not here"
 )
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 STICK, BACKWARD, OPEN = 0, -1, 1
 
 

@@ -32,10 +32,10 @@ from controllers.linear_mpc_c import export
 from controllers.observers import Kalman
 from controllers.string_model import drilling_point
 from models import BitRock, wells
+from tests.plants import RIG
 from toolbox import ClosedLoop, Controller, Sampled, SceneError, closed_loop, compose, export_c, linearise, simulate, to_control
 from toolbox.modelling import ObserverBasedController, Takeover
 
-PLANT = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
 PERIOD = 0.01
 COMPILER = shutil.which("cc")
@@ -99,12 +99,12 @@ LAWS = {
 @compiled
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_the_c_of_a_law_answers_a_closed_loop_run_like_the_law_in_the_loop(tmp_path, law):
-    c, h = export_c(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / "drive")
+    c, h = export_c(closed_loop(RIG, law, sample_time=PERIOD), tmp_path / "drive")
     macros, rows = header(h)
     grid = PERIOD * np.arange(3001)
     times = (0.0, 15.0, 16.0, 30.0)
     run = simulate(
-        PLANT, 30.0, controller=law, sample_time=PERIOD, output_times=grid, inputs={"top.reference": (times, (8.0, 8.0, 5.0, 5.0))}
+        RIG, 30.0, controller=law, sample_time=PERIOD, output_times=grid, inputs={"top.reference": (times, (8.0, 8.0, 5.0, 5.0))}
     )
     assert set(rows["u"]) >= set(law.actuated_signals) and set(rows["y"]) >= {"top.speed"}
     exported = CompiledLaw(c, len(rows["memory"]), len(rows["u"]))
@@ -143,7 +143,7 @@ def test_gains_may_be_others_than_those_of_the_law(tmp_path):
         ("one", PI(reference=8.0, proportional=3.0, integral=2.0)),
         ("two", PI(reference=8.0, proportional=5.0, integral=7.0)),
     ):
-        c, h = export_c(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / name)
+        c, h = export_c(closed_loop(RIG, law, sample_time=PERIOD), tmp_path / name)
         made[name] = CompiledLaw(c, len(header(h)[1]["memory"]), 1), header(h)[1]["gains"], c
     one, gains, c = made["one"]
     assert gains == ["law.proportional", "law.integral"]
@@ -163,7 +163,7 @@ def test_gains_may_be_others_than_those_of_the_law(tmp_path):
 @compiled
 def test_two_exported_laws_link_into_one_program(tmp_path):
     for name, law in (("first", PI(**LIMITS)), ("second", HInfinity(**LIMITS))):
-        export_c(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / f"{name}.c")
+        export_c(closed_loop(RIG, law, sample_time=PERIOD), tmp_path / f"{name}.c")
     (tmp_path / "main.c").write_text(
         '#include "first.h"\n#include "second.h"\n'
         "int main(void) { double y[2] = {0, 8}, u[1], a[FIRST_MEMORY], b[SECOND_MEMORY];\n"
@@ -275,7 +275,7 @@ def test_the_predictive_law_is_exported_at_its_own_period_and_hides_no_folder(tm
 
 
 def test_the_header_names_signals_units_defaults_period_and_memory(tmp_path):
-    c, h = export_c(closed_loop(PLANT, ZTorque(reference=7.25), sample_time=0.02), tmp_path / "z_torque")
+    c, h = export_c(closed_loop(RIG, ZTorque(reference=7.25), sample_time=0.02), tmp_path / "z_torque")
     text = h.read_text()
     for line in ("y[0]  top.speed [rad/s]", "y[1]  top.torque.held [N m]",
                  "y[2]  top.reference [rad/s]  set-point, 7.25", "u[0]  top.torque [N m]", "memory[0]  ztorque.speed [rad/s]",
@@ -307,20 +307,20 @@ class InPython(Controller):
 )
 def test_laws_that_have_no_c_say_why(tmp_path, law, words):
     with pytest.raises(SceneError, match=words):
-        export_c(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / "law")
+        export_c(closed_loop(RIG, law, sample_time=PERIOD), tmp_path / "law")
     assert not list(tmp_path.iterdir())
 
 
 def test_bad_periods_names_and_places_are_refused(tmp_path):
     with pytest.raises(SceneError, match="`sample_time`|period"):
-        export_c(closed_loop(PLANT, PI(), sample_time=0.0), tmp_path / "law")
+        export_c(closed_loop(RIG, PI(), sample_time=0.0), tmp_path / "law")
     with pytest.raises(SceneError, match=r"write `export_c\(closed_loop"):
         export_c(PI(), 3, PERIOD, tmp_path / "law")
     for name in ("my law", "2nd", "law.cpp"):
         with pytest.raises(SceneError, match="`path`"):
-            export_c(closed_loop(PLANT, PI(), sample_time=PERIOD), tmp_path / name)
+            export_c(closed_loop(RIG, PI(), sample_time=PERIOD), tmp_path / name)
     with pytest.raises(SceneError, match="Cannot write"):
-        export_c(closed_loop(PLANT, PI(), sample_time=PERIOD), tmp_path / "nowhere" / "law")
+        export_c(closed_loop(RIG, PI(), sample_time=PERIOD), tmp_path / "nowhere" / "law")
 
 
 # --- python-control
@@ -341,13 +341,13 @@ LINEAR = {
 @pytest.mark.parametrize("law", LINEAR.values(), ids=LINEAR)
 def test_poles_of_the_loop_closed_by_python_control_are_those_of_the_linearised_closed_loop(law):
     closed = compose(wells.JANSEN_2, BitRock(), law)
-    end = simulate(PLANT, 400.0, controller=law).at(400.0)
+    end = simulate(RIG, 400.0, controller=law).at(400.0)
     assert end.modes["bit"] == "slip+"
     whole = linearise(closed, at=end, mode={"bit": "slip+"}).poles()
-    by_itself = to_control(closed_loop(PLANT, law))
-    point = {name: end[name] for name in PLANT.states}
+    by_itself = to_control(closed_loop(RIG, law))
+    point = {name: end[name] for name in RIG.states}
     string = linearise(
-        PLANT, at=point, mode={"bit": "slip+"}, inputs="top.torque", outputs=["top.speed", "bit.speed", "chain.twist", "chain.speed"]
+        RIG, at=point, mode={"bit": "slip+"}, inputs="top.torque", outputs=["top.speed", "bit.speed", "chain.twist", "chain.speed"]
     )
     measured = [label for label in by_itself.input_labels if label in string.output_labels]  # without the set-point
     assert len(measured) >= len(by_itself.input_labels) - 1
@@ -363,7 +363,7 @@ def test_poles_of_the_loop_closed_by_python_control_are_those_of_the_linearised_
 @pytest.mark.parametrize("law", LINEAR.values(), ids=LINEAR)
 def test_a_sampled_law_in_python_control_answers_like_the_law_in_the_loop(law):
     grid = PERIOD * np.arange(2001)
-    found = to_control(closed_loop(PLANT, law, sample_time=PERIOD))
+    found = to_control(closed_loop(RIG, law, sample_time=PERIOD))
     assert found.dt == PERIOD and found.output_labels == ["top_torque"]
     # what is constant in a law, such as the torque at its working point, falls out of the difference of two runs
     (y, torque), (other, other_torque) = (asked_and_given(law, found, grid, weight) for weight in (80e3, 100e3))
@@ -374,7 +374,7 @@ def test_a_sampled_law_in_python_control_answers_like_the_law_in_the_loop(law):
 
 
 def asked_and_given(law, found, grid, weight):
-    run = simulate(PLANT, grid[-1], controller=law, sample_time=PERIOD, output_times=grid, inputs={"bit.weight": weight})
+    run = simulate(RIG, grid[-1], controller=law, sample_time=PERIOD, output_times=grid, inputs={"bit.weight": weight})
     dotted = {re.sub(r"\.(\d+)$", r"[\1]", name).replace(".", "_"): name for name in SIGNALS}
     return np.array([value_of(run, dotted[label]) for label in found.input_labels]), run["top.torque"]
 
@@ -387,15 +387,15 @@ def value_of(run, name):
 
 
 def test_a_kalman_filter_gives_its_linear_estimates_and_converges_where_a_gain_of_zero_does_not():
-    found = to_control(Kalman().design(PLANT))
+    found = to_control(Kalman().design(RIG))
     assert found.input_labels == ["top_speed", "top_torque"]
     assert "bit_speed" in found.output_labels and "bit_torque" in found.output_labels
     assert "bit_friction_scale" not in found.output_labels  # a quotient of estimates
     assert found.poles().real.max() < 0
-    blind = to_control(Kalman().design(PLANT), outputs="bit.torque")
+    blind = to_control(Kalman().design(RIG), outputs="bit.torque")
     assert blind.output_labels == ["bit_torque"]
     with pytest.raises(SceneError, match=r"bit\.friction_scale"):
-        to_control(Kalman().design(PLANT), outputs="bit.friction_scale")
+        to_control(Kalman().design(RIG), outputs="bit.friction_scale")
 
 
 @pytest.mark.parametrize(
@@ -405,14 +405,14 @@ def test_a_kalman_filter_gives_its_linear_estimates_and_converges_where_a_gain_o
         (SlidingMode(), "linear"),
         (SlidingMode(highest_torque=1e4), "linear"),
         (IdealSlidingMode(), "slidingmode"),
-        (closed_loop(PLANT, InPython(), sample_time=0.1), "Python callable"),
+        (closed_loop(RIG, InPython(), sample_time=0.1), "Python callable"),
         (SuperTwisting(), "no continuous form"),
         (LQR(), "design"),
     ],
 )
 def test_laws_that_are_not_linear_are_refused_by_what_is_to_blame(law, words):
     with pytest.raises(SceneError, match=words):
-        to_control(law if isinstance(law, (LQR, ClosedLoop)) else closed_loop(PLANT, law))
+        to_control(law if isinstance(law, (LQR, ClosedLoop)) else closed_loop(RIG, law))
 
 
 def test_a_law_with_all_its_numbers_needs_no_plant():

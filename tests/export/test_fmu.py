@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from controllers import LQG, LinearMPC, SoftTorque, StiffPI
-from models import BitRock, wells
-from toolbox import SceneError, closed_loop, compose, export_fmu, simulate
+from tests.plants import RIG
+from toolbox import SceneError, closed_loop, export_fmu, simulate
 
-PLANT = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
 PERIOD = 0.01
 
@@ -58,9 +57,9 @@ def answers(fmpy, path, period, grid, inputs, parts=1):
 @pytest.mark.parametrize("law", [SoftTorque(reference=8.0, **LIMITS), LQG(reference=8.0)], ids=["SoftTorque", "LQG"])
 def test_a_co_simulation_samples_the_law_as_the_loop_does(tmp_path, law, parts):
     fmpy = loader()
-    path = export_fmu(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / "drive")
+    path = export_fmu(closed_loop(RIG, law, sample_time=PERIOD), tmp_path / "drive")
     grid = PERIOD * np.arange(1001)
-    run = simulate(PLANT, 10.0, controller=law, sample_time=PERIOD, output_times=grid)
+    run = simulate(RIG, 10.0, controller=law, sample_time=PERIOD, output_times=grid)
     found = answers(fmpy, path, PERIOD, grid[:-1], {"top.speed": run["top.speed"]}, parts)  # the set-point is that of the law
     torque = run["top.torque"][:-1]
     assert np.abs(found - torque).max() <= 1e-12 * np.abs(torque).max()
@@ -71,8 +70,8 @@ def test_a_co_simulation_samples_the_law_as_the_loop_does(tmp_path, law, parts):
 def test_a_predictive_law_travels_with_its_solver(tmp_path):
     fmpy = loader()
     law = LinearMPC(reference=8.0, torque_rate=20_000.0, **LIMITS)
-    path = export_fmu(closed_loop(PLANT, law, sample_time=0.1), tmp_path / "mpc.fmu")
-    planned = law.design(PLANT)
+    path = export_fmu(closed_loop(RIG, law, sample_time=0.1), tmp_path / "mpc.fmu")
+    planned = law.design(RIG)
     speeds = np.full(10, 7.5)  # a short while: by itself, without the loop, the law is not stable
     found = answers(fmpy, path, 0.1, 0.1 * np.arange(10), {"top.speed": speeds, "top.reference": np.full(10, 8.0)})
     assert found == pytest.approx([planned(0.1 * k, [speed]) for k, speed in enumerate(speeds)], abs=1.0)
@@ -80,7 +79,7 @@ def test_a_predictive_law_travels_with_its_solver(tmp_path):
 
 @compiled
 def test_the_description_names_variables_units_and_start_values(tmp_path):
-    path = export_fmu(closed_loop(PLANT, StiffPI(reference=7.25), sample_time=PERIOD), tmp_path / "stiff")
+    path = export_fmu(closed_loop(RIG, StiffPI(reference=7.25), sample_time=PERIOD), tmp_path / "stiff")
     with zipfile.ZipFile(path) as archive:
         sources = {"stiff.c", "stiff.h", "stiff_fmi.c"}
         needed = {
@@ -116,17 +115,17 @@ def test_without_a_compiler_or_with_one_that_fails_the_error_says_so(tmp_path, m
     monkeypatch.setattr("toolbox.export.fmu_archive.shutil.which", lambda name: None)
     monkeypatch.delenv("CC", raising=False)
     with pytest.raises(SceneError, match="C compiler"):
-        export_fmu(closed_loop(PLANT, StiffPI(), sample_time=PERIOD), tmp_path / "stiff")
+        export_fmu(closed_loop(RIG, StiffPI(), sample_time=PERIOD), tmp_path / "stiff")
     if sys.platform in ("linux", "darwin"):
         monkeypatch.setenv("CC", "false")
         with pytest.raises(SceneError, match="`false` failed"):
-            export_fmu(closed_loop(PLANT, StiffPI(), sample_time=PERIOD), tmp_path / "stiff")
+            export_fmu(closed_loop(RIG, StiffPI(), sample_time=PERIOD), tmp_path / "stiff")
     assert not list(tmp_path.iterdir())
 
 
 @compiled
 def test_the_sources_of_a_unit_compile_without_a_warning(tmp_path):
-    path = export_fmu(closed_loop(PLANT, SoftTorque(reference=8.0, **LIMITS), sample_time=PERIOD), tmp_path / "drive")
+    path = export_fmu(closed_loop(RIG, SoftTorque(reference=8.0, **LIMITS), sample_time=PERIOD), tmp_path / "drive")
     with zipfile.ZipFile(path) as archive:
         archive.extractall(tmp_path / "unit")
     for source in (tmp_path / "unit" / "sources").glob("*.c"):
@@ -138,7 +137,7 @@ def test_the_sources_of_a_unit_compile_without_a_warning(tmp_path):
 def test_outputs_are_right_after_initialisation_gains_can_be_set_and_what_is_not_allowed_is_told(tmp_path):
     fmpy = loader()
     law = SoftTorque(reference=8.0)
-    path = export_fmu(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / "drive")
+    path = export_fmu(closed_loop(RIG, law, sample_time=PERIOD), tmp_path / "drive")
     description = fmpy.read_model_description(str(path), validate=True)
     references = {variable.name: variable.valueReference for variable in description.modelVariables}
     told = []
@@ -157,7 +156,7 @@ def test_outputs_are_right_after_initialisation_gains_can_be_set_and_what_is_not
     unit.setReal([references["top.speed"]], [5.0])
     unit.exitInitializationMode()
     drive = unit.getReal([references["top.torque"]])[0]
-    first = simulate(PLANT, PERIOD, controller=law, sample_time=PERIOD, start={"top.speed": 5.0})["top.torque"][0]
+    first = simulate(RIG, PERIOD, controller=law, sample_time=PERIOD, start={"top.speed": 5.0})["top.torque"][0]
     assert drive == pytest.approx(first, rel=1e-12) and abs(drive) > 100.0
     before = unit.getReal([references["law.proportional"]])[0]
     unit.setReal([references["law.proportional"]], [2.0 * before])

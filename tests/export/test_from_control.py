@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from controllers import PI
-from models import BitRock, wells
+from tests.plants import RIG
 from toolbox import (
     Controller,
     Equations,
@@ -18,7 +18,6 @@ from toolbox import (
     SceneError,
     Update,
     closed_loop,
-    compose,
     export_c,
     from_control,
     limit_cycle,
@@ -33,7 +32,6 @@ from toolbox.inputs import step
 from toolbox.measure import severity
 from toolbox.measuring import metrics
 
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 DRIVE = PI(reference=9.95, proportional=1500.0, integral=500.0)
 SIGNALS = {"measured_signals": "top.speed", "actuated_signals": "top.torque"}
 

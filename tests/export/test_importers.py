@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from controllers import StiffPI
-from models import BitRock, BlockOnBelt, wells
+from models import BlockOnBelt
+from tests.plants import RIG
 from toolbox import Sampled, Scene, closed_loop, compose, export_fmu, simulate
 
 pytest.importorskip("fmpy", reason="FMUs are loaded with fmpy, which is not here")
@@ -26,7 +27,6 @@ from studies.benchmarks.fmu_masters import (
 pytestmark = pytest.mark.skipif(
     shutil.which("cc") is None or sys.platform != "linux", reason="an FMU is compiled with `cc`, which is not here"
 )
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 LOOPS = {
     "belt": (closed_loop(compose(BlockOnBelt())), 100.0),
     "rig": (closed_loop(RIG, StiffPI(reference=4.7)), 60.0),

@@ -21,6 +21,8 @@ from controllers import PI, LinearMPC, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, wells
 from models.friction import Hyperbolic
 from studies.benchmarks.machines_in_c import COMPILER, DONE, OVERRUN, STRICT, CompiledMachine
+from tests.plants import BELT, RIG
+from tests.refusals import refusals
 from toolbox import Controller, Sampled, Scene, SceneError, Update, closed_loop, compose, export_c, quantity, simulate, state
 from toolbox.commands.command_line import main
 from toolbox.compilation import work_layout as layout
@@ -28,7 +30,6 @@ from toolbox.export.machine_c import EVENTS, MODELS, machine, machine_files
 from toolbox.stepping.modes import decide, two_directions
 
 compiled = pytest.mark.skipif(COMPILER is None or sys.platform != "linux", reason="a machine in C is compiled with `cc`, which is not here")
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 LOOP = closed_loop(RIG, SoftTorque(reference=8.0), sample_time=0.01)
 
 
@@ -105,16 +106,14 @@ def test_a_copy_of_the_memory_is_a_saved_state_and_nothing_is_allocated_or_globa
 @compiled
 @pytest.mark.parametrize("name", ["w", "int"])
 def test_a_machine_may_have_the_name_of_a_word_of_c(tmp_path, name):
-    belt = compose(BlockOnBelt())
-    found = CompiledMachine(export_c(belt, tmp_path / name, duration=10.0)[0])
-    same_switches(found.run(10.0), simulate(belt, 10.0, method="explicit"), 1e-9)  # the same steps
+    found = CompiledMachine(export_c(BELT, tmp_path / name, duration=10.0)[0])
+    same_switches(found.run(10.0), simulate(BELT, 10.0, method="explicit"), 1e-9)  # the same steps
 
 
 @compiled
 def test_a_call_does_a_bounded_amount_and_the_next_one_goes_on(tmp_path):
-    belt = compose(BlockOnBelt())
-    run = simulate(belt, 2000.0)
-    found = CompiledMachine(export_c(belt, tmp_path / "belt", duration=2000.0)[0])
+    run = simulate(BELT, 2000.0)
+    found = CompiledMachine(export_c(BELT, tmp_path / "belt", duration=2000.0)[0])
     assert found.step(2000.0) == OVERRUN
     events = found.events()
     assert 0 < len(events) <= EVENTS + 2 < len(run.events)
@@ -230,29 +229,24 @@ def test_an_export_for_which_the_disk_has_no_room_leaves_the_earlier_one_as_it_w
         count.append(handle)
         return io.BufferedWriter(Full(handle, mode)) if len(count) == 2 else inner(handle, mode)
 
-    rig = compose(wells.JANSEN_2, BitRock())
     span = {"duration": 10.0} if part == "loop" else {}
     count, inner = [], os.fdopen
     (tmp_path / "rig").mkdir()
-    export_c(closed_loop(rig, SoftTorque(), sample_time=0.01), tmp_path / "rig" / "rig", part=part, **span)
+    export_c(closed_loop(RIG, SoftTorque(), sample_time=0.01), tmp_path / "rig" / "rig", part=part, **span)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     monkeypatch.setattr(os, "fdopen", opened)
     with pytest.raises(OSError, match="No space"):
-        export_c(closed_loop(rig, StiffPI(), sample_time=0.02), tmp_path / "rig" / "rig", part=part, **span)
+        export_c(closed_loop(RIG, StiffPI(), sample_time=0.02), tmp_path / "rig" / "rig", part=part, **span)
     assert len(count) == 2 and {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
-def test_wrong_arguments_are_told(tmp_path):
-    with pytest.raises(SceneError, match='`part` must be "law" or "loop"'):
-        export_c(LOOP, tmp_path / "rig", part="plant")
-    with pytest.raises(SceneError, match="`duration` must be given"):
-        export_c(LOOP, tmp_path / "rig", part="loop")
-    with pytest.raises(SceneError, match='belong to `part="loop"`'):
-        export_c(LOOP, tmp_path / "rig", duration=3.0)
-    with pytest.raises(SceneError, match="name of C"):
-        export_c(RIG, tmp_path / "my rig", duration=3.0)
-    with pytest.raises(SceneError, match="must not end in main"):
-        export_c(RIG, tmp_path / "main", duration=3.0)
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda tmp_path: export_c(LOOP, tmp_path / "rig", part="plant"), '`part` must be "law" or "loop"'),
+    (lambda tmp_path: export_c(LOOP, tmp_path / "rig", part="loop"), "`duration` must be given"),
+    (lambda tmp_path: export_c(LOOP, tmp_path / "rig", duration=3.0), 'belong to `part="loop"`'),
+    (lambda tmp_path: export_c(RIG, tmp_path / "my rig", duration=3.0), "name of C"),
+    (lambda tmp_path: export_c(RIG, tmp_path / "main", duration=3.0), "must not end in main"),
+)  # fmt: skip
 
 
 CHAOTIC = {"alternating_load", "whirl"}

@@ -14,6 +14,7 @@ import pytest
 from controllers import LinearMPC, StiffPI
 from models import BitRock, BlockOnBelt, wells
 from studies.benchmarks.machines_in_c import STRICT
+from tests.plants import RIG
 from toolbox import Component, Equations, Sampled, Scene, SceneError, UnilateralContact, closed_loop, compose, export_fmu, simulate, state
 from toolbox.commands.command_line import main
 
@@ -316,13 +317,12 @@ def test_a_unit_may_have_the_name_of_a_word_of_c(tmp_path, name):
 
 
 def test_what_cannot_go_is_refused_by_name(tmp_path):
-    rig = compose(wells.JANSEN_2, BitRock())
     with pytest.raises(SceneError, match="solves a program at every sample"):
-        export_fmu(closed_loop(rig, LinearMPC(reference=8.0), sample_time=0.1), tmp_path / "rig.fmu", part="loop", duration=5.0)
+        export_fmu(closed_loop(RIG, LinearMPC(reference=8.0), sample_time=0.1), tmp_path / "rig.fmu", part="loop", duration=5.0)
     with pytest.raises(SceneError, match='`version` must be "2.0" or "3.0"'):
         export_fmu(BELT, tmp_path / "belt.fmu", duration=5.0, version="1.0")
     with pytest.raises(SceneError, match='belong to `part="loop"`'):
-        export_fmu(closed_loop(rig, StiffPI(), sample_time=0.01), tmp_path / "law.fmu", version="3.0")
+        export_fmu(closed_loop(RIG, StiffPI(), sample_time=0.01), tmp_path / "law.fmu", version="3.0")
     with pytest.raises(SceneError, match="`duration` must be given"):
         export_fmu(BELT, tmp_path / "belt.fmu")
     assert not list(tmp_path.iterdir())

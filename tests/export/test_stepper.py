@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from controllers import StiffPI
-from models import BitRock, BlockOnBelt, wells
+from models import BlockOnBelt
+from tests.plants import RIG
 from toolbox import Sampled, SceneError, closed_loop, compose, simulate, stepper
 
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 START = {"chain.speed": (4.0, 4.0), "chain.twist": (20.0,)}
 
 

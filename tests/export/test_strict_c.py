@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import pytest
 
 from controllers import PI, IdealSlidingMode, StiffPI, ZTorque
-from models import BitRock, Block, BlockOnBelt, Coulomb, LuGre, wells
+from models import Block, BlockOnBelt, Coulomb, LuGre
+from tests.plants import RIG
 from toolbox import Component, DryFriction, Equations, Sampled, Scene, UnilateralContact, closed_loop, compose, export_c, state
 from toolbox.export.machine_c import machine, machine_sources
 from toolbox.export.machine_fmu import Unit
@@ -16,7 +17,6 @@ from toolbox.export.machine_fmu import Unit
 COMPILERS = list(filter(None, map(shutil.which, ("gcc", "clang"))))
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
 HOISTING = Scene.load("studies/scenes/hoisting.toml")
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 
 
 @dataclass(frozen=True)

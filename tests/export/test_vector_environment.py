@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from controllers import StiffPI
-from models import BitRock, wells
-from toolbox import Sampled, SceneError, closed_loop, compose
+from tests.plants import RIG
+from toolbox import Sampled, SceneError, closed_loop
 
 pytest.importorskip("gymnasium", reason="an environment needs gymnasium, which is not here")
 import gymnasium
@@ -13,7 +13,6 @@ import gymnasium
 from toolbox.export.environment import environment
 from toolbox.export.vector_environment import vector_environment
 
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 COUNT = 3
 GIVEN = {
     "actions": {"top.torque": (0.0, 20e3)}, "observations": {"top.speed": (-50.0, 50.0), "bit.speed": (-50.0, 50.0)},

@@ -52,10 +52,7 @@ def test_five_hundred_damaged_files_are_refused_by_name_or_right_and_kill_nothin
 
 
 def test_a_reader_that_dies_or_grows_is_a_fault(tmp_path, monkeypatch):
-    for words, script in (
-        ("killed by signal 9", "import os; os.kill(os.getpid(), 9)"),
-        ("MB", "x = b'x' * (600 * 2**20)"),
-    ):
+    for words, script in (("killed by signal 9", "import os; os.kill(os.getpid(), 9)"), ("MB", "x = b'x' * (600 * 2**20)")):
         patch = f"def read(path):\n    if 'kept' not in str(path): exec({script!r})\n"
         (tmp_path / "broken_reader.py").write_text(
             patch

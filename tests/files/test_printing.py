@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from controllers import PI
-from models import BitRock, BlockOnBelt, oscillators, wells
+from models import BlockOnBelt, oscillators, wells
+from tests.plants import BELT, RIG
 from toolbox import Trajectory, compose, fit, limit_cycle, onset, severity_map, simulate, tune
 from toolbox.files.printing import table
-
-BELT = compose(BlockOnBelt())
-RIG = compose(wells.JANSEN_2, BitRock())
 
 
 def cells(text):

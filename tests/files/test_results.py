@@ -9,18 +9,8 @@ import numpy as np
 import pytest
 
 from controllers import PI, SoftTorque, StiffPI
-from models import (
-    BitRock,
-    BlockOnBelt,
-    Coulomb,
-    Section,
-    Survey,
-    TorqueDrag,
-    TorqueDragOperations,
-    torque_drag,
-    torque_drag_operations,
-    wells,
-)
+from models import BitRock, Coulomb, Section, Survey, TorqueDrag, TorqueDragOperations, torque_drag, torque_drag_operations, wells
+from tests.plants import BELT, RIG
 from toolbox import (
     Sampled,
     SceneError,
@@ -71,9 +61,6 @@ from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.steady_states.shapes import ModeShapes, mode_shapes
 from toolbox.sweeps import Sweep
 from toolbox.tuning.results import Tuned
-
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
-BELT = compose(BlockOnBelt())
 
 
 def of_onset():

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from models import DrillString, Section, Survey, read_sections, read_survey
+from tests.refusals import refusals
 from toolbox import SceneError
 from toolbox.files.tables import Column, read
 
@@ -189,20 +190,12 @@ def test_a_bad_survey_is_refused_with_file_row_and_column(written, case):
     assert f"Table `{path}`" in str(refused.value)
 
 
-def test_a_table_that_is_not_there_is_answered_with_the_nearest_file(written):
-    path = written(GOOD)
-    with pytest.raises(SceneError, match=r"no table .*strin\.csv.*did you mean `string\.csv`"):
-        read_sections(path.with_name("strin.csv"))
-    with pytest.raises(SceneError, match="cannot be read"):
-        read_sections(path.parent)
-
-
-@pytest.mark.parametrize(
-    "change", [{"inner": 0.2}, {"length": -1.0}, {"length": math.nan}, {"outer": None}, {"density": 0.0}, {"shear_modulus": math.inf}]
-)
-def test_a_section_that_cannot_be_is_refused_in_python_too(change):
-    with pytest.raises(SceneError, match=f"Argument `{next(iter(change))}` of Section"):
-        Section(**({"length": 10.0, "outer": 0.1, "inner": 0.05} | change))
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda written: read_sections(written(GOOD).with_name("strin.csv")), r"no table .*strin\.csv.*did you mean `string\.csv`"),
+    (lambda written: read_sections(written(GOOD).parent), "cannot be read"),
+    *[(lambda change=change: Section(**{"length": 10.0, "outer": 0.1, "inner": 0.05} | change), f"Argument `{next(iter(change))}` of Section")
+     for change in [{"inner": 0.2}, {"length": -1.0}, {"length": math.nan}, {"outer": None}, {"density": 0.0}, {"shear_modulus": math.inf}]],
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from controllers import PI, StiffPI
-from models import BitRock, wells
-from toolbox import Scene, SceneError, closed_loop, compose, equilibrium, hopf_points, measure, onset, plot, simulate, sweep, use_units
+from tests.plants import RIG
+from toolbox import Scene, SceneError, closed_loop, equilibrium, hopf_points, measure, onset, plot, simulate, sweep, use_units
 from toolbox.commands.command_line import main
 from toolbox.files.unit_systems import SYSTEMS, reading
 from toolbox.files.units import parse
 
-RIG = compose(wells.JANSEN_2, BitRock(weight="97.347 kN"))
 RPM = np.pi / 30
 SCENE = "studies/scenes/jansen_2.toml"
 

@@ -14,19 +14,9 @@ from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, HystereticBitRock, StepFriction, TorsionalChain, TwoDisks, wells
 from studies.benchmarks.cases import cases
 from tests.fading_brake import FadingBrake
+from tests.plants import BELT
 from tests.together import together
-from toolbox import (
-    Component,
-    Equations,
-    Sampled,
-    SceneError,
-    UnilateralContact,
-    closed_loop,
-    compose,
-    quantity,
-    simulate,
-    state,
-)
+from toolbox import Component, Equations, Sampled, SceneError, UnilateralContact, closed_loop, compose, quantity, simulate, state
 from toolbox.compilation import taylor
 from toolbox.compilation.work_layout import INCONSISTENT, NO_SERIES, UNDERFLOW
 from toolbox.inputs import sine
@@ -232,9 +222,8 @@ def test_threads_and_widths_change_nothing_that_counts(method):
 
 
 def test_no_scenarios_and_no_duration_are_answered_at_once():
-    plant = compose(BlockOnBelt())
-    assert batch(plant, 10.0, count=0).states.shape == (0, 2)
-    found = batch(plant, 0.0, count=5, start={"block.position": 0.3})
+    assert batch(BELT, 10.0, count=0).states.shape == (0, 2)
+    found = batch(BELT, 0.0, count=5, start={"block.position": 0.3})
     np.testing.assert_array_equal(found.states, [[0.3, 0.0]] * 5)
     assert (found.statuses == 0).all() and (found.steps == 0).all()
 

@@ -12,7 +12,8 @@ import pytest
 from scipy.special import j0
 
 from controllers import PI, BrakePI, ImpedanceSuperTwisting, SlidingMode, SoftTorque, SuperTwisting, ZTorque, observers
-from models import BitRock, Coulomb, DiscBrake, TorsionalChain, wells
+from models import Coulomb, DiscBrake, TorsionalChain
+from tests.plants import RIG
 from tests.together import together
 from toolbox import (
     Component,
@@ -164,7 +165,6 @@ class Idle(Controller):
         return Update(memory={}, outputs={"mass.push": (0.0 * signal("mass.speed", "m/s"), "m/s2")})
 
 
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 CHAIN = TorsionalChain(
     inertia=(900.0, 300.0, 400.0), stiffness=(2000.0, 1200.0), damping=(40.0, 30.0), top_drag=300.0,
     friction=Coulomb(static=1.0, kinetic=0.8), friction_load=(1500.0, 300.0, 900.0),

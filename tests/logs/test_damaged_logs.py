@@ -10,12 +10,11 @@ import zlib
 import numpy as np
 import pytest
 
-from models import BlockOnBelt
-from toolbox import SceneError, compose
+from tests.plants import BELT
+from toolbox import SceneError
 from toolbox.calibration.recording import Recording
 from toolbox.files.tables import Column, read
 
-BELT = compose(BlockOnBelt())
 HEAD = "time [s],block.speed [m/s],block.position [mm]"
 
 

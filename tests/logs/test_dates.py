@@ -7,12 +7,12 @@ import datetime
 import numpy as np
 import pytest
 
-from models import BitRock, wells
-from toolbox import SceneError, compose
+from tests.plants import RIG
+from tests.refusals import refusals
+from toolbox import SceneError
 from toolbox.calibration import Recording
 from toolbox.logs.dates import seconds_of
 
-RIG = compose(wells.JANSEN_2, BitRock())
 BEGIN = datetime.datetime(2017, 8, 25, 23, 59, 50)
 COLUMNS = {"time": "Time", "top.speed": "RPM", "top.torque": "TQ"}
 
@@ -82,13 +82,6 @@ def test_two_numbers_of_a_year_that_may_stand_first_are_asked_back():
     ]  # the year first: no step of a year
 
 
-def test_dates_of_two_orders_in_one_column_are_refused():
-    with pytest.raises(SceneError, match="no order fits all"):
-        seconds_of(["13/05/2024 10:00", "05/14/2024 10:00"], "The log")
-    with pytest.raises(SceneError, match=r"dates as MM/DD/YYYY, as was declared, but no order fits all, `13/05/2024 10:00` among them"):
-        seconds_of(["01/05/2024 10:00", "13/05/2024 10:00"], "The log", "MM/DD/YYYY")
-
-
 def test_digits_are_a_time_of_day_only_if_they_are_declared_to_be(tmp_path):
     path = log(tmp_path / "log.csv", [each.strftime("%H%M%S") for each in moments()])
     with pytest.raises(SceneError, match=r"must name its unit.*\[HHMMSS\]"):
@@ -98,11 +91,6 @@ def test_digits_are_a_time_of_day_only_if_they_are_declared_to_be(tmp_path):
     assert Recording.of(headed, RIG, COLUMNS).time.tolist() == [float(k) for k in range(20)]
     whole = log(tmp_path / "whole.csv", [each.strftime("%Y%m%d%H%M%S") for each in moments()], "Time [YYYYMMDDHHMMSS]")
     assert Recording.of(whole, RIG, COLUMNS).time.tolist() == [float(k) for k in range(20)]
-
-
-def test_digits_that_are_no_time_of_day_are_refused_where_they_are_declared(tmp_path):
-    with pytest.raises(SceneError, match=r"must hold times as HHMMSS, as was declared, but it holds `235961`"):
-        Recording.of(log(tmp_path / "log.csv", ["235959", "235961", "240000"], "Time [HHMMSS]"), RIG, COLUMNS)
 
 
 def test_digits_under_seconds_are_seconds(tmp_path):
@@ -141,6 +129,12 @@ def test_a_table_whose_newest_row_stands_first_is_turned(tmp_path, form):
     assert all(np.array_equal(down.signals[name], up.signals[name]) for name in up.signals)
 
 
-def test_text_that_is_no_time_is_refused_with_the_forms_that_are_understood(tmp_path):
-    with pytest.raises(SceneError, match=r"must hold times, but it holds `day 3 at noon`. Understood are .*31-Dec-2024.*--column"):
-        Recording.of(log(tmp_path / "log.csv", ["day 3 at noon", "day 3 at one", "day 3 at two"]), RIG, COLUMNS)
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda: seconds_of(["13/05/2024 10:00", "05/14/2024 10:00"], "The log"), "no order fits all"),
+    (lambda: seconds_of(["01/05/2024 10:00", "13/05/2024 10:00"], "The log", "MM/DD/YYYY"),
+     r"dates as MM/DD/YYYY, as was declared, but no order fits all, `13/05/2024 10:00` among them"),
+    (lambda tmp_path: Recording.of(log(tmp_path / "log.csv", ["235959", "235961", "240000"], "Time [HHMMSS]"), RIG, COLUMNS),
+     r"must hold times as HHMMSS, as was declared, but it holds `235961`"),
+    (lambda tmp_path: Recording.of(log(tmp_path / "log.csv", ["day 3 at noon", "day 3 at one", "day 3 at two"]), RIG, COLUMNS),
+     r"must hold times, but it holds `day 3 at noon`. Understood are .*31-Dec-2024.*--column"),
+)  # fmt: skip

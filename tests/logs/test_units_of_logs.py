@@ -7,11 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from models import BitRock, wells
-from toolbox import SceneError, compose
+from tests.plants import RIG
+from toolbox import SceneError
 from toolbox.calibration import Recording
 
-RIG = compose(wells.JANSEN_2, BitRock())
 NAMES = {"time": "Time", "top.speed": "SURF_RPM", "top.torque": "TORQUE", "bit.weight": "WOB"}
 TURN, POUND, KILOGRAM, FOOT = 2 * math.pi, 4.4482216152605, 9.80665, 0.3048
 

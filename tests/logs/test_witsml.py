@@ -8,11 +8,10 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from models import BitRock, wells
-from toolbox import SceneError, compose
+from tests.plants import RIG
+from toolbox import SceneError
 from toolbox.calibration import Recording
 
-RIG = compose(wells.JANSEN_2, BitRock())
 COLUMNS = {"top.torque": "TQ", "top.speed": "RPM"}
 HEADS, UNITS = ["Time", "TQ", "GASX", "RPM"], ["unitless", "kft.lbf", "Euc", "c/s"]
 POUND_FOOT = 4.4482216152605 * 0.3048

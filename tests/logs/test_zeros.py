@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from models import BlockOnBelt, Coulomb
+from tests.plants import BELT
 from toolbox import SceneError, compose, fit, simulate
 from toolbox.calibration import Recording
 from toolbox.commands.command_line import main
@@ -11,7 +12,6 @@ from toolbox.commands.command_line import main
 TIME = np.arange(0.0, 20.0, 0.01)
 RANDOM = np.random.default_rng(7)
 NOISE = RANDOM.standard_normal(TIME.size)
-BELT = compose(BlockOnBelt())
 
 DATA = {
     "pulses of two seconds": np.where(TIME % 4.0 < 2.0, 3.0, 0.0),
@@ -37,9 +37,7 @@ def test_zeros_of_a_machine_or_an_input_are_data(name):
 
 
 @pytest.mark.parametrize(
-    "values",
-    [12.0 + 0.1 * NOISE, np.round(12.0 + 0.3 * NOISE, 1), 12.0 + 3.0 * np.sin(TIME)],
-    ids=["noisy", "rounded", "smooth"],
+    "values", [12.0 + 0.1 * NOISE, np.round(12.0 + 0.3 * NOISE, 1), 12.0 + 3.0 * np.sin(TIME)], ids=["noisy", "rounded", "smooth"]
 )
 def test_a_few_zeros_inside_of_what_goes_on_are_drop_outs_beside_a_standstill_that_is_not(values):
     values = np.where((TIME > 15.0) & (TIME < 18.0), 0.0, values)

@@ -10,12 +10,13 @@ import pytest
 import toolbox
 from controllers import LQR, PI, LinearMPC, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, wells
+from tests.plants import RIG
+from tests.refusals import refusals
 from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, simulate
 from toolbox.inputs import sine, step
 from toolbox.modelling.closed_loop import as_loop
 from toolbox.modelling.numbers import put_all
 
-RIG = compose(wells.JANSEN_2, BitRock(weight="97.347 kN"))
 LOOP = closed_loop(RIG, SoftTorque(reference="45 rpm"), sample_time="10 ms", label="soft torque")
 
 
@@ -187,19 +188,6 @@ def test_a_parameter_that_an_input_overrides_says_so():
             verb()
 
 
-def test_numbers_out_of_bounds_and_unknown_names_are_refused():
-    with pytest.raises(SceneError, match=r"`bit.weight` must be >= 0 N, but it is -5"):
-        LOOP.at("bit.weight", -5.0)
-    with pytest.raises(SceneError, match=r"There is no number `bit.wheight` in this loop: did you mean `bit.weight`"):
-        LOOP.at("bit.wheight", 5.0)
-    with pytest.raises(SceneError, match=r"`chain.inertia` must be one number, but it has 2 entries: name one, e.g. `chain.inertia.0`"):
-        LOOP.number("chain.inertia")
-    with pytest.raises(SceneError, match="a set-point belongs to a control law"):
-        closed_loop(RIG).number("top.reference")
-    with pytest.raises(SceneError, match=r"`bit.weight` must be in N"):
-        LOOP.at("bit.weight", "5 m")
-
-
 def test_a_loop_may_stand_for_its_limit_of_fast_sampling():
     assert not LOOP.continuous_loop.is_sampled and LOOP.is_sampled and LOOP.continuous_loop.controllers == (LOOP.controllers[0].law,)
     rest = equilibrium(LOOP)
@@ -210,17 +198,18 @@ def test_a_loop_may_stand_for_its_limit_of_fast_sampling():
         _ = closed_loop(RIG, proportional, sample_time=0.1).continuous_loop
 
 
-def test_what_is_no_loop_is_refused_and_a_former_call_shows_the_new_line():
-    with pytest.raises(SceneError, match=r"Argument `loop` must be a plant made by `compose`.*`compose\(BlockOnBelt\(...\)\)`"):
-        as_loop(BlockOnBelt())
-    with pytest.raises(SceneError, match=r"write `equilibrium\(closed_loop\(plant, law, inputs=...\), ...\)`"):
-        equilibrium(RIG, controller=PI(), inputs={"bit.weight": 9e4})
-    with pytest.raises(SceneError, match="sample_time"):
-        closed_loop(RIG, lambda t, y: 0.0)
-    with pytest.raises(SceneError, match="every controller is Sampled"):
-        closed_loop(RIG, Sampled(PI(), 0.01), sample_time=0.02)
-    with pytest.raises(SceneError, match="in `inputs` or in `parameters`"):
-        closed_loop(RIG, inputs={"bit.weight": 9e4}, parameters={"bit.weight": 8e4})
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda: LOOP.at("bit.weight", -5.0), r"`bit.weight` must be >= 0 N, but it is -5"),
+    (lambda: LOOP.at("bit.wheight", 5.0), r"There is no number `bit.wheight` in this loop: did you mean `bit.weight`"),
+    (lambda: LOOP.number("chain.inertia"), r"`chain.inertia` must be one number, but it has 2 entries: name one, e.g. `chain.inertia.0`"),
+    (lambda: closed_loop(RIG).number("top.reference"), "a set-point belongs to a control law"),
+    (lambda: LOOP.at("bit.weight", "5 m"), r"`bit.weight` must be in N"),
+    (lambda: as_loop(BlockOnBelt()), r"Argument `loop` must be a plant made by `compose`.*`compose\(BlockOnBelt\(...\)\)`"),
+    (lambda: equilibrium(RIG, controller=PI(), inputs={"bit.weight": 9e4}), r"write `equilibrium\(closed_loop\(plant, law, inputs=...\), ...\)`"),
+    (lambda: closed_loop(RIG, lambda t, y: 0.0), "sample_time"),
+    (lambda: closed_loop(RIG, Sampled(PI(), 0.01), sample_time=0.02), "every controller is Sampled"),
+    (lambda: closed_loop(RIG, inputs={"bit.weight": 9e4}, parameters={"bit.weight": 8e4}), "in `inputs` or in `parameters`"),
+)  # fmt: skip
 
 
 def test_a_law_is_designed_once_per_loop(monkeypatch):

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from models import BitRock, BlockOnBelt, TorsionalChain
-from toolbox import Scene, SceneError, Update, compose, simulate, state
+from tests.refusals import each_of, refusals
+from toolbox import Scene, Update, compose, simulate, state
 from toolbox.modelling.dependencies import dependencies_of
 from toolbox.modelling.laws import Controller
 
@@ -58,12 +59,8 @@ def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_
     assert "top" in dependencies_of(looped, {"top": ("top.speed",)}).parts[2].metrics
 
 
-def test_unknown_names_are_errors():
-    with pytest.raises(SceneError, match="bit.sped"):
-        Scene.load(SCENES / "jansen_2.toml").dependencies({"severity": ("bit.sped",)})
-
-
-@pytest.mark.parametrize("metrics", [["bit.speed"], {"severity": "bit.speed"}])
-def test_measures_that_are_no_map_to_lists_of_names_are_refused(metrics):
-    with pytest.raises(SceneError, match="Argument `metrics` must map"):
-        dependencies_of(compose(TorsionalChain(), BitRock(weight=5e4)), metrics)
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda: Scene.load(SCENES / "jansen_2.toml").dependencies({"severity": ("bit.sped",)}), "bit.sped"),
+    *each_of(lambda metrics: dependencies_of(compose(TorsionalChain(), BitRock(weight=5e4)), metrics), "Argument `metrics` must map",
+     [["bit.speed"], {"severity": "bit.speed"}]),
+)  # fmt: skip

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from controllers import LinearMPC, NormalDither, SoftTorque
-from models import BitRock, BlockOnBelt, wells
+from tests.plants import BELT, RIG
 from toolbox import (
     Sampled,
     SceneError,
     closed_loop,
-    compose,
     fit,
     follow,
     hopf_curve,
@@ -34,7 +33,6 @@ from toolbox.commands.command_line import main
 from toolbox.inputs import sine, step
 from toolbox.inputs import sweep as swept_sine
 
-RIG = compose(wells.JANSEN_2, BitRock(weight="97.347 kN"))
 TURNING = {"chain.speed": (8.0, 8.0), "chain.twist": 18.0}
 LAW = SoftTorque(reference=8.0)
 CONTINUOUS = closed_loop(RIG, LAW, start=TURNING)
@@ -175,9 +173,6 @@ def test_onset_and_severity_map_vary_all_others(number):
     assert onset(number.loop, number.name, number.values, num_values=3).parameter == number.name
     found = severity_map(number.loop, {number.name: number.values, "bit.friction.static": (0.7, 0.8)}, shape=(2, 2))
     assert number.name in str(found)
-
-
-BELT = compose(BlockOnBelt())
 
 
 def test_cycles_are_followed_through_every_number_that_has_a_slope():

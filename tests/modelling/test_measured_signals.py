@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import pytest
 
-from models import BitRock, wells
-from toolbox import Controller, Equations, Quantity, Sampled, SceneError, Update, closed_loop, compose, quantity, simulate
+from tests.plants import RIG
+from toolbox import Controller, Equations, Quantity, Sampled, SceneError, Update, closed_loop, quantity, simulate
 from toolbox.modelling import Takeover
-
-RIG = compose(wells.JANSEN_2, BitRock())
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from controllers.observers import DisturbanceObserver, Kalman, SlidingObserver
 from controllers.observers.linear import one_step
 from controllers.on_estimates import StringObserverController
 from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
+from tests.plants import RIG
 from toolbox import Sampled, SceneError, closed_loop, compose, simulate
 from toolbox.measure import stick_intervals
 from toolbox.modelling import ObserverBasedController
 
-RIG = compose(wells.JANSEN_2, BitRock())
 EVERY = pytest.mark.parametrize("observer", [Kalman(), DisturbanceObserver(), SlidingObserver()], ids=lambda o: type(o).__name__)
 
 

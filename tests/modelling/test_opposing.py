@@ -7,6 +7,7 @@ import pytest
 
 import models
 from models import BlockOnBelt, CubicStribeck, LuGre
+from tests.refusals import refusals
 from toolbox import FrictionLaw, Quantity, SceneError, compose, quantity, simulate
 
 
@@ -56,17 +57,11 @@ def test_a_law_that_falls_below_zero_is_refused_with_the_speed_and_the_field_tha
     compose(BlockOnBelt(friction=Dropping(0.1)))
 
 
-def test_other_numbers_of_a_law_are_asked_too():
-    plant = compose(BlockOnBelt(friction=Dropping(0.1)))
-    with pytest.raises(SceneError, match="must not fall below zero"):
-        plant.with_parameters({"belt.friction.beyond": -0.2})
-    with pytest.raises(SceneError, match="must not fall below zero"):
-        simulate(plant, 1.0, parameters={"belt.friction.beyond": -0.2})
-
-
-def test_the_steady_friction_of_bristles_is_asked():
-    with pytest.raises(SceneError, match=r"Field `steady` of LuGre: The friction law Falling must not"):
-        compose(BlockOnBelt(friction=LuGre(steady=Falling())))
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda: compose(BlockOnBelt(friction=Dropping(0.1))).with_parameters({"belt.friction.beyond": -0.2}), "must not fall below zero"),
+    (lambda: simulate(compose(BlockOnBelt(friction=Dropping(0.1))), 1.0, parameters={"belt.friction.beyond": -0.2}), "must not fall below zero"),
+    (lambda: compose(BlockOnBelt(friction=LuGre(steady=Falling()))), r"Field `steady` of LuGre: The friction law Falling must not"),
+)  # fmt: skip
 
 
 def test_laws_that_stay_above_zero_are_accepted():

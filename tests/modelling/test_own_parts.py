@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from controllers import NormalDither
-from models import BitRock, BlockOnBelt, wells
+from models import BlockOnBelt
+from tests.plants import RIG
 from toolbox import (
     Component,
     Controller,
@@ -23,8 +24,6 @@ from toolbox import (
     simulate,
     state,
 )
-
-RIG = compose(wells.JANSEN_2, BitRock())
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ import pytest
 
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, Coulomb, TwoDisks, wells
+from tests.plants import BELT
 from toolbox import Component, Equations, SceneError, UnilateralContact, compose, linearise, quantity, simulate, state
 from toolbox.errors import AccuracyError
 from toolbox.modelling import smoothed
 from toolbox.simulation import Smoothing
 
-BELT = compose(BlockOnBelt())
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_000.0))
 DRIVE = PI(proportional=4000.0, integral=1500.0, reference=8.0)
 

@@ -12,8 +12,9 @@ import pytest
 
 import toolbox
 from controllers import PI, ImpedanceSuperTwisting, Lifting, ZTorque
-from models import BitRock, BlockOnBelt, Exponential, GaussianStribeck, TorsionalChain, wells
-from toolbox import Budget, Sampled, SceneError, closed_loop, compose, equilibrium, inputs, onset, severity_map, simulate, sweep
+from models import BitRock, Exponential, GaussianStribeck, TorsionalChain
+from tests.plants import BELT, RIG
+from toolbox import Budget, Sampled, SceneError, closed_loop, equilibrium, inputs, onset, severity_map, simulate, sweep
 from toolbox.inputs import ramp, sine
 from toolbox.modelling.inputs import Table
 from toolbox.simulation import EventExact
@@ -53,9 +54,6 @@ def test_a_friction_law_takes_the_slip_of_a_turning_contact_and_of_a_straight_on
 def test_text_that_is_no_quantity_of_the_field_is_refused_where_it_is_typed(make, words):
     with pytest.raises(SceneError, match=words.replace("(", r"\(")):
         make()
-
-
-RIG = compose(wells.JANSEN_2, BitRock(weight="97.347 kN"))
 
 
 def test_a_run_that_is_asked_for_in_field_units_has_the_bits_of_one_in_si():
@@ -102,9 +100,8 @@ def test_what_does_not_fit_is_named_with_its_unit(given, words):
 def test_steady_states_and_onsets_are_asked_for_in_field_units():
     typed, plain = (equilibrium(closed_loop(RIG, inputs={"top.torque": torque})) for torque in ("20 kN m", 20_000.0))
     assert typed["bit.speed"] == plain["bit.speed"]
-    belt = compose(BlockOnBelt())
     with pytest.raises(SceneError, match=r"`bounds.1` must be in m/s, but `2 N` is in N"):
-        onset(belt, "block.belt_speed", (0.1, "2 N"))
+        onset(BELT, "block.belt_speed", (0.1, "2 N"))
 
 
 SCRIPT = Path(__file__).parents[1] / "examples" / "typed_units.py"

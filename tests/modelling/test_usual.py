@@ -12,6 +12,7 @@ import pytest
 
 from controllers import PI, SoftTorque
 from models import BitRock, DragBit, TorsionalChain, wells
+from tests.plants import RIG
 from toolbox import Component, Equations, closed_loop, compose, quantity, simulate, state
 from toolbox.errors import UnusualValue
 from toolbox.files.units import _WARNED as GIVEN  # only to begin anew
@@ -43,13 +44,12 @@ def test_a_number_in_the_wrong_unit_is_told_with_the_unit_that_was_meant(make, w
 
 
 def test_it_is_said_once_and_not_again_by_the_law_that_is_designed_nor_for_numbers_that_nobody_typed():
-    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
     with pytest.warns(UnusualValue) as caught:
         law = SoftTorque(reference=95.0)
-        simulate(rig, 0.1, controller=law)
+        simulate(RIG, 0.1, controller=law)
         PI(reference=95.0)
     assert len(caught) == 1
-    changed = rig.with_parameters({"bit.weight": 97.0})  # warnings are errors here
+    changed = RIG.with_parameters({"bit.weight": 97.0})  # warnings are errors here
     assert changed.parts[1].weight == 97.0
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from models import DiscBrake, TorsionalChain
+from tests.refusals import each_of, refusals
 from toolbox import SceneError, closed_loop, compose, simulate, sweep
 from toolbox.inputs import noise, square, triangle
 from toolbox.measuring import metrics
@@ -22,12 +23,6 @@ def test_a_square_pressure_of_a_brake_presses_with_its_two_values_only():
     run = simulate(compose(DiscBrake()), 0.5, start={"disc.speed": 5.0}, inputs={"brake.force": square(1000.0, 300.0, 40.0, until=0.5)})
     assert set(np.round(run["brake.force"], 9)) == {700.0, 1300.0}
     assert run.at(0.001)["brake.force"] == 1300.0
-
-
-def test_waveforms_refuse_what_is_no_wave():
-    for given in ((1.0, 1.0, 0.0, 1.0), (1.0, 1.0, 1.0, -1.0), (1.0, np.nan, 1.0, 1.0), (0.0, 1.0, 1e9, 1.0)):
-        with pytest.raises(SceneError):
-            square(*given)
 
 
 def force(seed, corner=0.1, duration=2000.0):
@@ -70,12 +65,9 @@ def test_deviation_and_corner_of_a_noise_are_swept_like_any_number_and_its_seed_
         sweep(loop, {"top.torque.seed": [1, 2]}, 30.0, metrics={"peak": metrics.maximum("top.speed")})
 
 
-@pytest.mark.parametrize(
-    ("given", "named"),
-    [
-        ((1.0, 1.0, 0.0), "corner"),
-        ((1.0, np.nan, 1.0), "of a noise"), ((1.0, -0.5, 1.0), "deviation"), ((1.0, 1.0, 1.0, 0.5), "seed"), ((1.0, 1.0, 1.0, -1), "seed")],
+test_wrong_uses_are_refused_in_these_words = refusals(
+    # waveforms refuse what is no wave
+    *each_of(lambda given: square(*given), "", ((1.0, 1.0, 0.0, 1.0), (1.0, 1.0, 1.0, -1.0), (1.0, np.nan, 1.0, 1.0), (0.0, 1.0, 1e9, 1.0))),
+    *[(lambda given=given: noise(*given), named) for given, named in [((1.0, 1.0, 0.0), "corner"), ((1.0, np.nan, 1.0), "of a noise"),
+     ((1.0, -0.5, 1.0), "deviation"), ((1.0, 1.0, 1.0, 0.5), "seed"), ((1.0, 1.0, 1.0, -1), "seed")]],
 )  # fmt: skip
-def test_a_noise_refuses_what_it_cannot_be(given, named):
-    with pytest.raises(SceneError, match=named):
-        noise(*given)

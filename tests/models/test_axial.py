@@ -139,15 +139,9 @@ def test_a_pendulum_is_a_chain_whose_table_is_too_heavy_to_change_its_speed():
     ("change", "word"),
     [
         ({"mass": ()}, "mass"),
-        ({"mass": (1.0, 0.0, 1.0)}, "mass"),
         ({"stiffness": (1.0, 1.0)}, "stiffness"),
-        ({"damping": (1.0, -1.0, 1.0)}, "damping"),
         ({"hook_load": 1000.0}, "stiffness"),
-        ({"hook_load": math.nan}, "hook_load"),
-        ({"hook_load": -1.0}, "hook_load"),
         ({"hook_load": math.nan, "stiffness": (1.0, 1.0), "damping": (1.0, 1.0)}, "hook_load"),
-        ({"drag": -1.0}, "drag"),
-        ({"gravity": -9.81}, "gravity"),
     ],
 )
 def test_an_axial_string_that_cannot_be_built_is_refused_by_name(change, word):

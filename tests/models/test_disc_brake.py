@@ -149,8 +149,6 @@ def test_pads_cannot_pull():
         compose(DiscBrake(force=-1.0))
     with pytest.raises(SimulationError, match="must be >= 0"):
         simulate(compose(BRAKE), 0.1, start={"disc.speed": 1.0}, inputs={"brake.force": sine(100.0, 200.0, 20.0)})
-    with pytest.raises(SceneError, match="lag"):
-        compose(DiscBrake(lag=0.0))
 
 
 def test_less_fall_of_friction_or_more_damping_ends_the_groan():

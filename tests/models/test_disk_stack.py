@@ -12,7 +12,8 @@ from scipy.linalg import expm
 from models import Coulomb, DiskStack, TwoDisks
 from studies.questions import disk_stack as study
 from studies.questions.disks import rest_of
-from toolbox import SceneError, compose, energy_audit, measure, simulate
+from tests.refusals import each_of, refusals
+from toolbox import compose, energy_audit, measure, simulate
 from toolbox.inputs import ramp, step
 
 
@@ -163,16 +164,10 @@ def test_axial_modes_show_in_the_torsional_spectrum_of_steady_slip(stop):
         assert near > 5 * between
 
 
-@pytest.mark.parametrize("rotors", [0, -1, 1.5, True])
-def test_a_stack_without_rotors_is_refused(rotors):
-    with pytest.raises(SceneError, match=r"Argument `rotors`.* must be an integer( >= 1)?, but it is "):
-        compose(DiskStack(rotors=rotors))
-
-
-@pytest.mark.parametrize("force", [0.0, -1.0, math.nan, math.inf])
-def test_a_clamping_force_that_does_not_press_is_refused(force):
-    with pytest.raises(SceneError, match="force"):
-        DiskStack().static_positions(force)
+test_wrong_uses_are_refused_in_these_words = refusals(
+    *each_of(lambda rotors: compose(DiskStack(rotors=rotors)), r"Argument `rotors`.* must be an integer( >= 1)?, but it is ", [0, -1, 1.5, True]),
+    *each_of(lambda force: DiskStack().static_positions(force), "force", [0.0, -1.0, math.nan, math.inf]),
+)  # fmt: skip
 
 
 @pytest.mark.slow

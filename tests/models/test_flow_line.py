@@ -123,9 +123,6 @@ def test_a_line_has_no_more_states_and_contacts_than_its_segments_ask_for():
     ("change", "word"),
     [
         ({"resistance": ()}, "resistance"),
-        ({"resistance": (-1.0,)}, "resistance"),
-        ({"inertance": (0.0,)}, "inertance"),
-        ({"compliance": (math.nan,)}, "compliance"),
         ({"loss": (0.0, 0.0)}, "loss"),
         ({"gel": Coulomb()}, "gel_pressure"),
         ({"gel_pressure": (1.0,)}, "gel"),

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from models import Coulomb, InclinedSlider, PlateContact, Slider
 from studies.questions import sliders as study
-from toolbox import SceneError, compose, energy_audit, simulate
+from toolbox import compose, energy_audit, simulate
 from toolbox.inputs import sine
 
 
@@ -91,17 +91,6 @@ def test_the_inclined_slider_follows_its_linear_motion_down_the_slope():
         assert run.at(t)["slider.position"] == pytest.approx(expected, rel=1e-7)
     audit = energy_audit(run)
     assert abs(audit.residual) < 1e-9 * audit.turnover
-
-
-@pytest.mark.parametrize(
-    ("part", "word"),
-    [(Slider(mass=0.0), "mass"), (Slider(damping=-1.0), "damping"), (InclinedSlider(angle=1.6), "angle"), (InclinedSlider(force=0.0), "force"),
-     (PlateContact(load=-1.0), "load")],
-)  # fmt: skip
-def test_sliders_that_cannot_be_built_are_refused_by_name(part, word):
-    parts = (Slider(), part) if isinstance(part, PlateContact) else (part,)
-    with pytest.raises(SceneError, match=word):
-        compose(*parts)
 
 
 def test_a_slider_without_a_plate_is_an_oscillator():

@@ -102,8 +102,6 @@ def test_a_collar_that_cannot_be_built_or_connected_is_refused_by_name():
         compose(dataclasses.replace(FLYWHEEL, collar_index=None), COLLAR)
     with pytest.raises(SceneError, match=r"bit.weight"):
         compose(FLYWHEEL, WhirlingCollar())
-    with pytest.raises(SceneError, match="collar.eccentricity"):
-        compose(FLYWHEEL, dataclasses.replace(COLLAR, eccentricity=math.nan))
 
 
 # ------------------------------------------------------------------------------------------------------------------------------ synchronous whirl

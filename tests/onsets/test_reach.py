@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controllers import SoftTorque
+from controllers import SoftTorque, StiffPI
 from models import BitRock, wells
 from toolbox import Sampled, closed_loop, compose, onset, simulate
-from toolbox.onsets.takeover import taken_over, under_held_commands
+from toolbox.onsets.takeover import taken_over, under_controller, under_held_commands
 
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20e3}
 
@@ -21,7 +21,7 @@ def loop():
 
 @pytest.fixture(scope="module")
 def found(loop):
-    return onset(loop, "top.reference", (6.5, 9.0), num_values=3)
+    return onset(loop, "top.reference", (6.5, 9.0), num_values=3, initial_controller=StiffPI())
 
 
 def test_a_bistable_point_counts_the_starts_that_reach_its_stick_slip(loop, found):
@@ -47,6 +47,15 @@ def test_the_advice_says_what_reaches_the_stick_slip_and_what_does_not(found):
     kicks = next(each for each in found.reached if each.start.startswith("a kick"))
     assert kicks.runs == 20 and (np.isnan(kicks.smallest) or 0.0 < kicks.smallest <= 4.0)
     assert "Holds for: the nominal plant" in str(found) and "small disturbance" in found.situation
+
+
+def test_the_present_stick_slip_is_taken_over_where_another_one_exists_beside(loop, found):
+    """Each of the 8 takeovers is a run of its own, as long as its verdict takes."""
+    starts, note = under_controller(loop, StiffPI(), 8, 200.0)
+    sticks = sum(simulate(loop.replace(start=start), 500.0).time_in("bit", "stick", after=450.0) > 0.0 for start in starts)
+    present = next(each for each in found.reached if each.start.startswith("the stick-slip under StiffPI"))
+    assert note == "" and (present.reached, present.runs) == (sticks, 8)
+    assert str(present) in found.advice
 
 
 def test_a_free_point_has_nothing_to_reach(loop):

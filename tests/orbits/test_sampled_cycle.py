@@ -11,11 +11,11 @@ import pytest
 from scipy.linalg import expm
 
 from controllers import PI, SoftTorque, StiffPI
-from models import BitRock, BlockOnBelt, wells
+from models import BlockOnBelt
+from tests.plants import RIG
 from toolbox import Controller, Sampled, SceneError, Update, closed_loop, compose, follow, limit_cycle, quantity, simulate, state
 from toolbox.inputs import sine, square, triangle
 
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 STATES = ("chain.twist.0", "chain.speed.0", "chain.speed.1", "pi.angle")
 
 

@@ -10,11 +10,11 @@ import pytest
 from scipy.optimize import minimize
 
 from controllers import PI, StiffPI
-from models import BitRock, BlockOnBelt, Coulomb, wells
+from models import BlockOnBelt, Coulomb
+from tests.plants import RIG
 from toolbox import Component, Controller, Equations, Sampled, SceneError, Update, compose, measure, quantity, sensitivity, simulate, state
 from toolbox.errors import GrazingError
 
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 START = {"chain.speed.0": 9.0, "chain.speed.1": 5.0}
 
 

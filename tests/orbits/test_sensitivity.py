@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from controllers import StiffPI
-from models import BitRock, Block, BlockOnBelt, BlocksOnBelt, Coulomb, Exponential, TwoDisks, wells
+from models import Block, BlockOnBelt, BlocksOnBelt, Coulomb, Exponential, TwoDisks, wells
+from tests.plants import BELT, RIG
+from tests.refusals import refusals
 from toolbox import Component, DryFriction, Equations, SceneError, UnilateralContact, compose, quantity, sensitivity, simulate, state
 from toolbox.errors import GrazingError
 from toolbox.inputs import sine, step
@@ -125,17 +127,15 @@ def test_derivatives_of_leines_oscillator_through_four_events_agree_with_differe
 
 
 def test_derivatives_of_a_drill_string_under_a_stiff_drive_agree_with_differences():
-    plant = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
     start = {"chain.speed.0": 9.0, "chain.speed.1": 5.0}
     to = ("bit.weight", "chain.stiffness.0", "chain.bit_drag", "chain.speed.1")
-    run, exact = agree(plant, 16.0, to, start=start, controller=StiffPI(reference=9.9))
+    run, exact = agree(RIG, 16.0, to, start=start, controller=StiffPI(reference=9.9))
     assert len(run.events) >= 3
-    found, _ = differenced(plant, 16.0, to, lambda r: r["bit.torque"][-1], start=start, controller=StiffPI(reference=9.9))
+    found, _ = differenced(RIG, 16.0, to, lambda r: r["bit.torque"][-1], start=start, controller=StiffPI(reference=9.9))
     np.testing.assert_allclose(exact.end("bit.torque"), found, atol=1e-6 * np.abs(found).max())
 
 
 def test_the_peak_of_a_signal_has_the_derivative_that_differences_show():
-    plant = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
     to = ("bit.weight", "top.torque")
 
     def peak(run):
@@ -147,7 +147,7 @@ def test_the_peak_of_a_signal_has_the_derivative_that_differences_show():
             best -= rate / bend
         return run.at(best)["bit.speed"]
 
-    found, run = differenced(plant, 12.0, to, peak, inputs={"top.torque": 12_300.0}, relative=1e-5)
+    found, run = differenced(RIG, 12.0, to, peak, inputs={"top.torque": 12_300.0}, relative=1e-5)
     np.testing.assert_allclose(sensitivity(run, to).peak("bit.speed"), found, rtol=1e-6)
 
 
@@ -272,15 +272,14 @@ def test_a_kink_passes_derivatives_on_without_a_jump_in_time():
 
 
 def test_output_times_give_the_derivatives_of_the_same_instants():
-    plant = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
     options = {"inputs": {"top.torque": 12_300.0}, "accuracy": 1e-10}
     times = np.linspace(0.0, 10.0, 21)
-    whole = sensitivity(simulate(plant, 10.0, **options), "top.torque")
-    some = sensitivity(simulate(plant, 10.0, output_times=times, **options), "top.torque")
+    whole = sensitivity(simulate(RIG, 10.0, **options), "top.torque")
+    some = sensitivity(simulate(RIG, 10.0, output_times=times, **options), "top.torque")
     assert some["bit.speed"].shape == (21, 1) and some["chain.speed"].shape == (21, 2, 1)
     np.testing.assert_allclose(some["bit.speed"][-1], whole["bit.speed"][-1], rtol=1e-9)
     before, after = (
-        simulate(plant, 10.0, inputs={"top.torque": 12_300.0 + by}, accuracy=1e-12, output_times=times)["bit.speed"] for by in (-0.01, 0.01)
+        simulate(RIG, 10.0, inputs={"top.torque": 12_300.0 + by}, accuracy=1e-12, output_times=times)["bit.speed"] for by in (-0.01, 0.01)
     )
     np.testing.assert_allclose(some["bit.speed"][:, 0], (after - before) / 0.02, atol=1e-6 * np.abs(some["bit.speed"]).max())
 
@@ -300,36 +299,24 @@ def test_a_grazing_run_is_refused_and_names_element_and_time():
         sensitivity(run, "swing.speed")
 
 
-def test_two_contacts_that_switch_at_one_instant_are_refused():
-    plant = compose(BlocksOnBelt(mass=(1.0, 1.0), tie=(0.0,), stiffness=(1.0, 1.0)))
-    run = simulate(plant, 7.0, start={"blocks.position.0": 0.5, "blocks.position.1": 0.5}, accuracy=1e-10)
-    with pytest.raises(GrazingError, match="one instant"):
-        sensitivity(run, ("blocks.position.0", "blocks.position.1"))
-
-
-def test_wrong_arguments_are_named():
-    plant = compose(BlockOnBelt())
-    run = simulate(plant, 1.0)
-    with pytest.raises(SceneError, match=r"block\.mass"):
-        sensitivity(run, "block.mas")
-    with pytest.raises(SceneError, match="one number, but it has 2 entries"):
-        sensitivity(simulate(compose(wells.JANSEN_2), 1.0), "chain.inertia")
-    with pytest.raises(SceneError, match="varies in time"):
-        sensitivity(simulate(plant, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force")
-    with pytest.raises(
-        SceneError, match=r"`pi\.reference` must have an effect to be varied, but the input `top\.reference` takes its place"
-    ):
-        sensitivity(simulate(compose(wells.JANSEN_2), 1.0, controller=StiffPI(), inputs={"top.reference": 8.0}), "pi.reference")
-    with pytest.raises(SceneError, match="a number of a table in time, by which no slope is carried"):
-        sensitivity(simulate(plant, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force.at")
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda: sensitivity(simulate(compose(BlocksOnBelt(mass=(1.0, 1.0), tie=(0.0,), stiffness=(1.0, 1.0))), 7.0, start={"blocks.position.0": 0.5,
+     "blocks.position.1": 0.5}, accuracy=1e-10), ("blocks.position.0", "blocks.position.1")), "one instant", GrazingError),
+    (lambda: sensitivity(simulate(BELT, 1.0), "block.mas"), r"block\.mass"),
+    (lambda: sensitivity(simulate(compose(wells.JANSEN_2), 1.0), "chain.inertia"), "one number, but it has 2 entries"),
+    (lambda: sensitivity(simulate(BELT, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force"), "varies in time"),
+    (lambda: sensitivity(simulate(compose(wells.JANSEN_2), 1.0, controller=StiffPI(), inputs={"top.reference": 8.0}), "pi.reference"),
+     r"`pi\.reference` must have an effect to be varied, but the input `top\.reference` takes its place"),
+    (lambda: sensitivity(simulate(BELT, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force.at"),
+     "a number of a table in time, by which no slope is carried"),
+)  # fmt: skip
 
 
 def test_an_input_that_nobody_gives_has_the_derivatives_of_its_default():
-    rig = compose(wells.JANSEN_2, BitRock())
-    drilled = simulate(rig, 3.0, controller=StiffPI())
+    drilled = simulate(RIG, 3.0, controller=StiffPI())
     found = sensitivity(drilled, ("top.reference", "bit.weight")).end("top.speed")
     assert found[0] == pytest.approx(sensitivity(drilled, "pi.reference").end("top.speed")[0], rel=1e-9) and found[0] > 0.1
-    given = simulate(rig, 3.0, controller=StiffPI(), inputs={"bit.weight": drilled.run.loop.number("bit.weight").value})
+    given = simulate(RIG, 3.0, controller=StiffPI(), inputs={"bit.weight": drilled.run.loop.number("bit.weight").value})
     assert found[1] == pytest.approx(sensitivity(given, "bit.weight").end("top.speed")[0], rel=1e-9)
     with pytest.raises(SceneError, match=r"the input `top\.reference` takes its place"):
         sensitivity(drilled, ("top.reference", "pi.reference"))
@@ -345,8 +332,7 @@ def test_derivatives_print_themselves_and_refuse_a_peak_at_the_end():
 
 
 def test_a_run_that_stepped_implicitly_is_differentiated_along_explicit_steps():
-    plant = compose(BlockOnBelt())
-    stiff, explicit = (simulate(plant, 5.0, method=method, accuracy=1e-9) for method in ("stiff", "explicit"))
+    stiff, explicit = (simulate(BELT, 5.0, method=method, accuracy=1e-9) for method in ("stiff", "explicit"))
     np.testing.assert_allclose(
         sensitivity(stiff, "block.stiffness").end("block.position"),
         sensitivity(explicit, "block.stiffness").end("block.position"),

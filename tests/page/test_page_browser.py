@@ -182,7 +182,7 @@ def test_a_driller_finds_how_fast_to_turn_at_his_weight_and_what_the_drive_needs
 
 def test_a_brake_engineer_finds_the_way_of_a_stop_and_from_which_force_on_the_pad_groans(browser):
     with explore(Scene.load(SCENES / "brake_laws.toml"), port=0) as served, Tab(browser, served.address) as tab:
-        assert "way of the stop\n" in tab.page.inner_text("#measures") and "stands at\n" in tab.page.inner_text("#measures")
+        assert "stopping distance\n" in tab.page.inner_text("#measures") and "stands at\n" in tab.page.inner_text("#measures")
         assert tab.page.inner_text("#spectrum-name").startswith("of pad slip from ") and "HeldSpeed" in tab.page.inner_text("#map-words")
         assert tab.said == []
     stop = Scene.load(SCENES / "brake_stop.toml")

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models import BlockOnBelt
-from toolbox import Scene, closed_loop, compose, measure, simulate
+from tests.plants import BELT
+from toolbox import Scene, closed_loop, measure, simulate
 from toolbox.commands.command_line import main
 from toolbox.errors import SceneError
 from toolbox.messages import step_here
@@ -271,14 +271,13 @@ def test_lines_of_python_and_the_saved_run_are_the_same_run(page, tmp_path, monk
 
 
 def test_a_notebook_gets_a_frame_and_a_sentence_for_a_remote_one():
-    belt = compose(BlockOnBelt())
     with pytest.raises(SceneError, match="`duration` must be given"):
-        explore(closed_loop(belt))
-    with explore(belt, "20 s", port=0) as page:
+        explore(closed_loop(BELT))
+    with explore(BELT, "20 s", port=0) as page:
         assert f'<iframe src="{page.address}"' in page._repr_html_() and "ssh -L" in page._repr_html_() and page.address in str(page)
         found = run(page, "loop")
         assert found["verdict"] == "stick-slip" and found["element"] == "belt"
-        assert found["sticks"] == [[a, b] for a, b, mode in simulate(belt, 20.0).intervals("belt") if mode == "stick"]
+        assert found["sticks"] == [[a, b] for a, b, mode in simulate(BELT, 20.0).intervals("belt") if mode == "stick"]
         assert "scene" not in ask(page, "python", setting={"label": "loop", "changes": {"block.mass": 2.0}})["text"].lower()
         assert "BlockOnBelt" in ask(page, "save_scene", setting={"label": "loop"})["text"]
 
@@ -393,11 +392,11 @@ def test_a_stop_tells_its_way_and_what_its_contact_sounds_like_until_it_stands()
     stopped = scene.run("constant force")
     times = np.linspace(0.0, measure.standstill(stopped, "disc.speed", scene.standstill_speed, after=scene.after), 20_001)
     way = np.trapezoid(stopped.at(times)["disc.speed"], times)
-    assert told["stands at"] == f"{times[-1]:.3g} s" and told["way of the stop"].startswith(
+    assert told["stands at"] == f"{times[-1]:.3g} s" and told["stopping distance"].startswith(
         f"{way:.4g} rad ({way / (2 * math.pi):.3g} turns), "
     )
     slowed = stopped.at(0.0)["disc.speed"] / times[-1]
-    assert told["way of the stop"].endswith(f", {slowed:.3g} rad/s2 in the mean")
+    assert told["stopping distance"].endswith(f", {slowed:.3g} rad/s2 in the mean")
     high, peak = stopped.signal_limits["brake.force"][1], np.abs(stopped["brake.force"]).max()
     assert told["peak of brake.force"] == f"{peak:.4g} N, {100 * peak / high:.3g} % of its limit"
     assert 30.0 < found["spectrum"]["tone"] < 60.0

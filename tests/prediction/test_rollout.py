@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, Tabulated, wells
+from tests.plants import BELT, RIG
 from toolbox import SceneError, compose, simulate
 from toolbox.modelling.regularisation import lacking, regularised
 from toolbox.prediction.rollout import Rollout
 
-RIG = compose(wells.JANSEN_2, BitRock())
 TORQUES = np.repeat(np.random.default_rng(1).uniform(0.0, 20_000.0, 40), 10)[:, None]
 
 
@@ -130,9 +130,8 @@ def test_rollouts_travel_and_copy_with_factors_of_their_own():
 
 
 def test_a_block_on_a_belt_is_rolled_out_with_the_same_code():
-    belt = compose(BlockOnBelt())
-    X, _ = Rollout(belt, ["block.force"], 0.05, 4).states(np.zeros(2), np.zeros((600, 1)))
-    run = simulate(belt, 30.0, output_times=np.arange(601) * 0.05, accuracy=1e-10)
+    X, _ = Rollout(BELT, ["block.force"], 0.05, 4).states(np.zeros(2), np.zeros((600, 1)))
+    run = simulate(BELT, 30.0, output_times=np.arange(601) * 0.05, accuracy=1e-10)
     assert np.abs(X - run.states).max() < 1e-5
     assert any(event.after == "stick" for event in run.events)
 

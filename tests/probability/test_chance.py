@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import toolbox.measuring.verdict as rules
 import toolbox.probability.chances as verb
 from controllers import SoftTorque, StiffPI
 from models import BitRock, Coulomb, TorsionalChain, wells
@@ -87,7 +88,7 @@ def test_lanes_decide_as_the_judge_does(loop):
 def test_a_swing_that_has_died_out_needs_no_judge_and_is_as_he_says(monkeypatch):
     loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque())
     found = chance(loop, OVER, UNCERTAIN, draws=16)
-    monkeypatch.setattr(verb, "DIED_OUT", 0.0)
+    monkeypatch.setattr(rules, "DIED_OUT", 0.0)
     by_judge = chance(loop, OVER, UNCERTAIN, draws=16)
     assert np.array_equal(found.outcomes["as it is"], by_judge.outcomes["as it is"])
     assert found.judged_runs["as it is"] < 0.25 * by_judge.judged_runs["as it is"]

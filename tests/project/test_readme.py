@@ -121,11 +121,7 @@ def test_every_part_and_law_is_in_the_tables_of_the_documentation(root):
     import controllers
     import models
 
-    names = [
-        *controllers.__all__,
-        *(name for name in models.__all__ if name != "wells"),
-        *(f"wells.{name}" for name in wells.__all__),
-    ]
+    names = [*controllers.__all__, *(name for name in models.__all__ if name != "wells"), *(f"wells.{name}" for name in wells.__all__)]
     assert [name for name in names if f"`{name}`" not in (root / "docs" / "parts.md").read_text()] == []
 
 

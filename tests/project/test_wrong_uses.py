@@ -7,9 +7,8 @@ import pytest
 
 from controllers import SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import Scene, SceneError, closed_loop, compose, measure, onset, simulate, use_units
-
-RIG = compose(wells.JANSEN_2, BitRock())
+from tests.plants import RIG
+from toolbox import Scene, SceneError, closed_loop, measure, onset, simulate, use_units
 
 
 @pytest.mark.parametrize(
@@ -31,10 +30,7 @@ RIG = compose(wells.JANSEN_2, BitRock())
         (lambda: simulate(RIG, 5.0, start={"bit.velocity": 1.0}), r"There is no state `bit.velocity`: .*(chain|bit)\.speed"),
         (lambda: simulate(RIG, 5.0, method="rk45"), r"must be one of 'event', .*, but it is 'rk45'\.$"),
         (lambda: simulate(RIG, 5.0, accuracy="1 kg"), r"`accuracy` must be a plain number"),
-        (
-            lambda: onset(RIG, "top.reference", (3, 14)),
-            r"a set-point belongs to a control law, and there is none: give one .a scene: ",
-        ),
+        (lambda: onset(RIG, "top.reference", (3, 14)), r"a set-point belongs to a control law, and there is none: give one .a scene: "),
         (lambda: onset(closed_loop(RIG, StiffPI()), "top.refrence", (3, 14)), r"did you mean `top.reference`"),
         (lambda: Scene.load("studies/scenes/jansen_2.toml").run(0), r"There is no controller `0`: known are `constant torque`"),
         (lambda: measure.severity(np.ones(1000)), r"must be a trajectory, as `simulate` returns it, but it is .{1,60}\.$"),

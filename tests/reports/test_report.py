@@ -15,6 +15,7 @@ import pytest
 
 from controllers import PI, Lifting, SoftTorque
 from models import BitRock, Coulomb, TorsionalChain, wells
+from tests.plants import RIG
 from toolbox import Sampled, closed_loop, compose, simulate
 from toolbox.commands.command_line import main
 from toolbox.errors import SceneError
@@ -224,8 +225,7 @@ def test_a_file_that_was_changed_since_is_named(folders, tmp_path):
 
 
 def test_results_of_python_have_their_answer_figure_and_machine(tmp_path):
-    rig = compose(wells.JANSEN_2, BitRock())
-    run = simulate(closed_loop(rig, PI(proportional=4000.0, integral=1500.0, reference=9.0), label="PI & I"), "10 s")
+    run = simulate(closed_loop(RIG, PI(proportional=4000.0, integral=1500.0, reference=9.0), label="PI & I"), "10 s")
     text = report(run, path=tmp_path / "run.html", title="Mine").read_text()
     assert "<h1>Mine</h1>" in text and text.count("data:image/png") == 1
     assert "chain.inertia" in text and "PI &amp; I" in text

@@ -95,7 +95,7 @@ def test_the_error_found_breaks_the_machine_and_a_smaller_one_does_not(loop):
         and found.largest_tolerated < found.size <= found.largest_tolerated + PRECISION
         and found.size == max(map(abs, found.error))
     )
-    assert "sticks and slips" in found.why and "weight [kN]" in str(found)
+    assert "stick-slip" in found.why and "weight [kN]" in str(found)
     off = 100.0 * (found.values["bit.weight"] / found.parameters[0].nominal - 1.0)
     assert f"{found.values['bit.weight'] / 1e3:.4g} ({off:+.3g} %)" in str(
         found

@@ -10,8 +10,9 @@ import pytest
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, simulate, worst_case
+from toolbox.drilling import AfterConnection, schedule
 from toolbox.onsets.takeover import taken_over
-from toolbox.robustness import OwnStickSlip, SmoothRunning, TakenOver, cycle_phases, smallest_error
+from toolbox.robustness import FromRest, GivenStarts, OwnStickSlip, SmoothRunning, TakenOver, cycle_phases, smallest_error
 from toolbox.scenes.situation import Situation
 
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
@@ -121,3 +122,38 @@ def test_a_situation_names_plant_start_design_surroundings_and_duration():
     # two inertias J1, J2 on a spring k swing freely at sqrt(k (1 / J1 + 1 / J2))
     mode = math.sqrt(473.0 * (1 / 2122.0 + 1 / 374.0)) / (2 * math.pi)
     assert f"torsional mode at {mode:.3g} Hz" in words
+
+
+def test_a_start_from_rest_is_the_run_of_the_loop_itself():
+    """By a step it begins with nothing given; by a ramp the set-point comes up within the time of the ramp."""
+    loop = loop_of(SoftTorque(**LIMITS), 9.5).replace(start={"bit.speed": 9.5})
+    step, slow = FromRest().on(loop).loops(loop)[0], FromRest("30 s").on(loop).loops(loop)[0]
+    assert dict(step.start) == dict(slow.start) == {} and step.inputs == loop.inputs
+    np.testing.assert_allclose([slow.input_values["top.reference"].values[k] for k in (0, -1)], [0.02 * 9.5, 9.5])
+    sticks = [simulate(each, 100.0).time_in("bit", "stick") for each in (step, slow)]
+    worst = worst_case(loop, 100.0, starts=FromRest(), after=0.0)
+    assert worst.outcomes[0].stuck == pytest.approx(sticks[0] / 100.0, rel=1e-6) and sticks[1] != sticks[0]
+
+
+def test_a_connection_takes_the_weight_off_and_is_judged_when_it_is_on_again():
+    loop = loop_of(SoftTorque(**LIMITS), 9.5)
+    for begun, ramp in zip(AfterConnection().on(loop).loops(loop), (10.0, 20.0, 60.0), strict=True):
+        table = begun.input_values["bit.weight"]
+        assert table.values.max() == 97_347.0 and table.values.min() < 100.0 and table.times[-1] == 120.0 + ramp
+    found = worst_case(loop, 60.0, starts=AfterConnection([20.0]))
+    assert found.survives and "weight off for 90 s" in str(found)
+    with pytest.raises(SceneError, match="has no constant one"):
+        AfterConnection().on(loop.replace(inputs={**loop.inputs, "bit.weight": ((0.0, 10.0), (1e4, 2e4))}))
+
+
+def test_given_values_are_a_start_as_well():
+    assert GivenStarts([{"bit.speed": 1.0}]).words == "1 given start(s)"
+    loop = loop_of(SoftTorque(**LIMITS), 9.5)
+    given = [{"chain.speed": [9.5, 9.5], "chain.twist": [20.0]}]
+    same = worst_case(loop, 60.0, starts=given), worst_case(loop, 60.0, starts=GivenStarts(given))
+    assert same[0].outcomes == same[1].outcomes
+
+
+def test_the_argument_that_a_start_replaced_is_refused_with_its_name_now():
+    with pytest.raises(SceneError, match="`initial_controller` of `schedule` is now `starts`"):
+        schedule(lambda depth: rig(), [1000.0, 2000.0], SoftTorque(), 10.0, initial_controller=StiffPI())

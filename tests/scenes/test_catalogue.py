@@ -10,6 +10,7 @@ import pytest
 
 import controllers
 import models
+from tests.refusals import refusals
 from toolbox import Component, Controller, FrictionLaw, SceneError
 from toolbox.scenes import catalogue
 
@@ -104,18 +105,12 @@ def test_nothing_but_parts_and_laws_can_be_reached(name):
         catalogue.part(name)
 
 
-def test_an_unknown_name_is_answered_with_the_nearest_ones():
-    with pytest.raises(SceneError, match="did you mean `BitRock`"):
-        catalogue.part("BitRok")
-    with pytest.raises(SceneError, match="did you mean `wells.NAVARRO_LOPEZ_4`"):
-        catalogue.part("wells.NAVARRO_LOPEZ4")
-    with pytest.raises(SceneError, match="must be text"):
-        catalogue.part(4)
-
-
-def test_a_law_is_no_part_and_the_error_says_what_it_is():
-    with pytest.raises(SceneError, match="must be a part, but it is a control law"):
-        catalogue.part("SoftTorque", "part")
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda: catalogue.part("BitRok"), "did you mean `BitRock`"),
+    (lambda: catalogue.part("wells.NAVARRO_LOPEZ4"), "did you mean `wells.NAVARRO_LOPEZ_4`"),
+    (lambda: catalogue.part(4), "must be text"),
+    (lambda: catalogue.part("SoftTorque", "part"), "must be a part, but it is a control law"),
+)  # fmt: skip
 
 
 def test_the_name_of_a_class_finds_it_again():

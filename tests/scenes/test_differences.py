@@ -9,10 +9,10 @@ import pytest
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, wells
+from tests.plants import RIG
+from tests.refusals import refusals
 from toolbox import Scene, SceneError, Trajectory, compare, compose, measure, plot, simulate
 from toolbox.commands.command_line import main
-
-RIG = compose(wells.JANSEN_2, BitRock())
 
 
 @pytest.fixture(scope="module")
@@ -44,18 +44,13 @@ def test_a_run_differs_in_nothing_from_itself_read_back(runs, tmp_path):
         assert row.change == pytest.approx(0.0, abs=1e-5 * max(abs(row.first), 1.0)), row
 
 
-def test_what_cannot_be_compared_is_refused_by_name(runs):
-    run = runs["slow"]
-    with pytest.raises(SceneError, match=r"Argument `second` must be a run or a scene, and both of the same kind, but it is 3"):
-        compare(run, 3)
-    with pytest.raises(SceneError, match="Argument `second` must be a run or a scene, and both of the same kind"):
-        compare(run, SCENE)
-    with pytest.raises(SceneError, match="Argument `first` must be a run or a scene, and both of the same kind"):
-        compare(SCENE, run)
-    with pytest.raises(SceneError, match=r"There is no signal `bit.sped`"):
-        compare(run, run, signals=["bit.sped"])
-    with pytest.raises(SceneError, match="Argument `second` must have an element or a signal"):
-        compare(run, simulate(compose(BlockOnBelt()), 5.0))
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda runs: compare(runs["slow"], 3), r"Argument `second` must be a run or a scene, and both of the same kind, but it is 3"),
+    (lambda runs: compare(runs["slow"], SCENE), "Argument `second` must be a run or a scene, and both of the same kind"),
+    (lambda runs: compare(SCENE, runs["slow"]), "Argument `first` must be a run or a scene, and both of the same kind"),
+    (lambda runs: compare(runs["slow"], runs["slow"], signals=["bit.sped"]), r"There is no signal `bit.sped`"),
+    (lambda runs: compare(runs["slow"], simulate(compose(BlockOnBelt()), 5.0)), "Argument `second` must have an element or a signal"),
+)  # fmt: skip
 
 
 SCENE = Scene.of(RIG, 60.0, {"PI": PI(reference=9.0)}, title="rig", reference=9.0)

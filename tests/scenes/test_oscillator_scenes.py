@@ -25,8 +25,7 @@ def stuck(found, label="no controller"):
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["thomsen_fidlin", "veraszto_stepan", "two_blocks", "den_hartog", "alternating_load", "lugre_guide", "brake_stop", "squeal"],
+    "name", ["thomsen_fidlin", "veraszto_stepan", "two_blocks", "den_hartog", "alternating_load", "lugre_guide", "brake_stop", "squeal"]
 )
 def test_a_scene_of_stick_slip_shows_it(root, name):
     found = scene(root, name)

@@ -279,6 +279,18 @@ def test_a_string_on_its_hole_and_a_bit_on_the_rock_are_told_what_to_say(written
     assert Scene.load(written(f'{on_bottom}[verdict]\nelement = "bit"\n')).element == "bit"
 
 
+def test_a_scene_loads_with_twice_as_many_elements(written, tmp_path):
+    (tmp_path / "sections.csv").write_text("length [m],OD [in],ID [in],material\n2000,5,4.276,steel\n")
+    (tmp_path / "survey.csv").write_text("MD [m],Inc [deg],Azi [deg]\n0,60,0\n2000,60,0\n")
+    text = f'{ALONG_A_HOLE}[verdict]\nelement = "bit"\n'
+    for path in (written(text), written(text.replace("elements = 8\n", 'band = "1 Hz"\n'))):
+        own, finer = Scene.load(path).parts[0], Scene.load(path, refined=True).parts[0]
+        assert finer.element_count == 2 * own.element_count
+        assert sum(finer.inertia) == pytest.approx(sum(own.inertia))
+    with pytest.raises(SceneError, match="no number of elements can be doubled"):
+        Scene.load(written(RIG), refined=True)
+
+
 def edited(*pair):
     old, new = pair
     assert old in RIG

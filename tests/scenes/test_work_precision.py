@@ -7,9 +7,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from models import BitRock, BlockOnBelt, TorsionalChain, wells
+from models import BitRock, TorsionalChain, wells
 from studies.benchmarks import tradeoff
 from studies.benchmarks.cases import cases
+from tests.plants import BELT
 from toolbox import (
     Component,
     Equations,
@@ -25,8 +26,6 @@ from toolbox import (
 )
 from toolbox.commands.command_line import main
 from toolbox.simulation import Smoothing
-
-BELT = compose(BlockOnBelt())
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,10 @@ from scipy.linalg import expm
 import controllers
 import toolbox
 from controllers import LQG, LQR, PI, BrakePI, HeldSpeed, HInfinity, LinearMPC, NonlinearMPC, SoftTorque, StiffPI, observers
-from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, HystereticBitRock, TorsionalChain, wells
+from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, HystereticBitRock, TorsionalChain
 from studies.benchmarks.extremes import EXTREMES, belt, belt_arcs, scaled
+from tests.plants import BELT, RIG
+from tests.refusals import refusals
 from toolbox import (
     Budget,
     Component,
@@ -43,9 +45,7 @@ def simulate(*arguments, method="event", **more):
     return toolbox.simulate(*arguments, method=replace(method_of(method), budget=Budget(steps=2_000_000)), **more)
 
 
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 BRAKE = compose(DiscBrake())
-BELT = compose(BlockOnBelt())
 LAWS = sorted(
     name
     for name, kind in ((name, getattr(controllers, name)) for name in controllers.__all__)
@@ -455,11 +455,6 @@ def test_a_run_of_no_time_has_nothing_to_measure_and_says_so():
     assert run.time_in("belt", "stick") == 0.0
 
 
-def test_a_machine_that_runs_away_says_when_and_of_which_state():
-    with pytest.raises(SimulationError, match=r"t = .*`chain\.(twist\.0|speed\.[01])`|`chain\.(twist\.0|speed\.[01])`.* t = "):
-        simulate(RIG, 100.0, controller=PI(proportional=1e9), sample_time=1.0)
-
-
 def test_a_state_that_is_too_fast_for_the_times_is_named_with_its_time_constant():
     """A bit of 1e-9 kg m2 breaks free with a growth of W R_b (mu_s - mu_c) decay / J = 4e12 1/s; at 3.6 s times are 4e-16 s apart."""
     string = TorsionalChain(inertia=(2122.0, 1e-9), stiffness=(473.0,), damping=(23.2,), top_drag=425.0, bit_drag=50.0)
@@ -469,9 +464,9 @@ def test_a_state_that_is_too_fast_for_the_times_is_named_with_its_time_constant(
         toolbox.simulate(compose(string, BitRock(weight=97_347.0)), 10.0, inputs={"top.torque": 13e3}, accuracy=1e-2)
 
 
-def test_a_sample_time_beyond_count_is_refused_where_no_budget_ends_the_run():
-    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
-    with pytest.raises(
-        SceneError, match="`sample_time` must be at least 1e-09 s in a run of 10 s, which is 1e[+]10 samples, but it is 1e-12 s"
-    ):
-        toolbox.simulate(rig, 10.0, controller=PI(reference=5.0), sample_time=1e-12)
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda: simulate(RIG, 100.0, controller=PI(proportional=1e9), sample_time=1.0),
+     r"t = .*`chain\.(twist\.0|speed\.[01])`|`chain\.(twist\.0|speed\.[01])`.* t = ", SimulationError),
+    (lambda: toolbox.simulate(RIG, 10.0, controller=PI(reference=5.0), sample_time=1e-12),
+     "`sample_time` must be at least 1e-09 s in a run of 10 s, which is 1e[+]10 samples, but it is 1e-12 s"),
+)  # fmt: skip

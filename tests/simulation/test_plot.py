@@ -15,6 +15,7 @@ from matplotlib.colors import to_hex, to_rgb
 
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, TorsionalChain, wells
+from tests.plants import BELT, RIG
 from toolbox import DryFriction, SceneError, Trajectory, UnilateralContact, compose, simulate
 from toolbox.figures.curves import draw_line
 from toolbox.figures.style import LINES, MANY_EVENTS, RESOLUTION, TONES
@@ -84,8 +85,7 @@ def test_a_jump_of_the_friction_force_is_drawn_upright(belt_run):
 
 
 def test_a_sampled_input_is_drawn_as_steps():
-    rig = compose(wells.JANSEN_2, BitRock())
-    run = simulate(rig, 2.0, controller=lambda t, y: 1000.0 * (1 + round(2 * t)), sample_time=0.5)
+    run = simulate(RIG, 2.0, controller=lambda t, y: 1000.0 * (1 + round(2 * t)), sample_time=0.5)
     (ax,) = traces(run, "top.torque")
     drawn = curves(ax)["top torque"]
     assert set(np.unique(drawn[:, 1])) == {1000.0, 2000.0, 3000.0, 4000.0}
@@ -138,8 +138,7 @@ def test_very_long_curves_are_thinned_but_keep_their_extremes():
 
 
 def test_by_default_the_inside_of_a_control_law_is_not_shown():
-    rig = compose(wells.JANSEN_2, BitRock())
-    run = simulate(rig, 5.0, controller=IdealSlidingMode())
+    run = simulate(RIG, 5.0, controller=IdealSlidingMode())
     axes = traces(run)
     assert [ax.get_ylabel() for ax in axes] == ["speed [rad/s]", "torque [kN m]"]
     shown = [name for ax in axes for name in curves(ax)]
@@ -187,8 +186,7 @@ def test_a_phase_plane_without_stick_has_no_thick_segment():
 
 
 def test_a_comparison_has_a_panel_per_run_on_common_axes():
-    rig = compose(wells.JANSEN_2, BitRock())
-    runs = {f"{torque / 1e3:g} kN m": simulate(rig, 20.0, inputs={"top.torque": torque}) for torque in (1e4, 1.2e4, 2e4)}
+    runs = {f"{torque / 1e3:g} kN m": simulate(RIG, 20.0, inputs={"top.torque": torque}) for torque in (1e4, 1.2e4, 2e4)}
     axes = comparison(runs, "bit.speed")
     assert [ax.get_title(loc="left") for ax in axes] == list(runs)
     assert len({ax.get_ylim() for ax in axes}) == 1
@@ -200,11 +198,10 @@ def test_a_comparison_has_a_panel_per_run_on_common_axes():
 
 
 def test_runs_of_different_length_are_compared_on_the_longest():
-    plant = compose(BlockOnBelt())
-    axes = comparison({"short": simulate(plant, 5.0), "long": simulate(plant, 20.0)}, "block.speed")
+    axes = comparison({"short": simulate(BELT, 5.0), "long": simulate(BELT, 20.0)}, "block.speed")
     assert axes[0].get_xlim() == (0.0, 20.0)
     assert curves(axes[0])["short"][:, 0].max() == 5.0
-    comparison({"short": simulate(plant, 5.0), "long": simulate(plant, 20.0)}, "block.speed", after=6.0)
+    comparison({"short": simulate(BELT, 5.0), "long": simulate(BELT, 20.0)}, "block.speed", after=6.0)
 
 
 def test_drawing_into_given_axes_leaves_global_state_alone(rig_run):
@@ -231,9 +228,8 @@ def test_a_figure_is_written_with_room_for_its_legends(rig_run, tmp_path):
 
 
 def test_runs_with_output_times_are_drawn_as_smoothly():
-    plant = compose(BlockOnBelt())
-    coarse = simulate(plant, 20.0, output_times=[0.0, 10.0, 20.0])
-    fine = simulate(plant, 20.0)
+    coarse = simulate(BELT, 20.0, output_times=[0.0, 10.0, 20.0])
+    fine = simulate(BELT, 20.0)
     np.testing.assert_array_equal(
         curves(traces(coarse, "block.speed")[0])["block speed"], curves(traces(fine, "block.speed")[0])["block speed"]
     )
@@ -282,9 +278,8 @@ def test_a_curve_of_many_swings_is_thin_whatever_it_swings_about_and_round_off_i
 
 
 def test_a_peak_of_an_instant_does_not_flatten_the_rest_and_is_named():
-    rig = compose(wells.JANSEN_2, BitRock())
     pulse = ([0.0, 20.0, 20.05, 20.1, 60.0], [1e4, 1e4, 3e5, 1e4, 1e4])
-    run = simulate(rig, 60.0, inputs={"top.torque": pulse})
+    run = simulate(RIG, 60.0, inputs={"top.torque": pulse})
     (ax,) = traces(run, "top.torque", "bit.torque")
     assert ax.get_ylim()[1] < 0.2 * 3e5
     (text,) = [text for text in ax.texts if "kN m" in text.get_text()]
@@ -292,7 +287,7 @@ def test_a_peak_of_an_instant_does_not_flatten_the_rest_and_is_named():
     (mark,) = [line for line in ax.get_lines() if line.get_label() == "_peak"]
     assert mark.get_xdata()[0] == pytest.approx(20.05, abs=0.01) and mark.get_ydata()[0] == ax.get_ylim()[1]
     # what lasts is shown whole
-    (ax,) = traces(simulate(rig, 60.0, inputs={"top.torque": ([0.0, 20.0, 20.0, 60.0], [1e4, 1e4, 3e5, 3e5])}), "top.torque")
+    (ax,) = traces(simulate(RIG, 60.0, inputs={"top.torque": ([0.0, 20.0, 20.0, 60.0], [1e4, 1e4, 3e5, 3e5])}), "top.torque")
     assert ax.get_ylim()[1] > 3e5 and not [text for text in ax.texts if "kN m" in text.get_text()]
 
 

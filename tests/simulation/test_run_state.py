@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from controllers import PI, ImplicitSlidingMode, Lifting, LinearMPC, NonlinearMPC, SoftTorque, SuperTwisting
-from models import BitRock, BlockOnBelt, wells
-from toolbox import Sampled, SceneError, compose, measure, simulate
+from tests.plants import BELT, RIG
+from toolbox import Sampled, SceneError, measure, simulate
 from toolbox.inputs import sine, step
 
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 STUCK = {"chain.speed": (6.0, 0.0)}
 """The bit is at rest under a turning top: stick-slip follows."""
 
@@ -146,9 +145,8 @@ def test_a_law_that_can_neither_tell_nor_be_copied_has_no_state():
 
 
 def test_a_run_that_goes_on_is_measured_saved_and_read_in_its_own_time(tmp_path):
-    belt = compose(BlockOnBelt())
-    first = simulate(belt, 10.0)
-    second = simulate(belt, 10.0, start=first.last, output_times=np.linspace(11.0, 20.0, 10))
+    first = simulate(BELT, 10.0)
+    second = simulate(BELT, 10.0, start=first.last, output_times=np.linspace(11.0, 20.0, 10))
     assert (second.begin, second.end, second.duration) == (10.0, 20.0, 10.0)
     assert second.time[0] == 11.0 and second.every_step.time[0] == 10.0
     assert second.intervals("belt")[0][0] == 10.0
@@ -156,7 +154,7 @@ def test_a_run_that_goes_on_is_measured_saved_and_read_in_its_own_time(tmp_path)
     with pytest.raises(SceneError, match="between 10 and 20 s"):
         second.at(9.0)
     with pytest.raises(SceneError, match="between 10 and 20 s"):
-        simulate(belt, 10.0, start=first.last, output_times=[5.0])
+        simulate(BELT, 10.0, start=first.last, output_times=[5.0])
     assert second.error_estimate < 1e-5
     again = type(second).load(second.save(tmp_path / "run.npz"))
     assert again.begin == 10.0 and again.intervals("belt") == second.intervals("belt")

@@ -10,13 +10,13 @@ import pytest
 
 from controllers import LQG, PI
 from models import BitRock, BlockOnBelt, Coulomb, StepFriction, wells
+from tests.plants import RIG
 from tests.simulation.test_contacts import Ball
 from toolbox import Budget, SceneError, Trajectory, closed_loop, compose, energy_audit, fit, measure, simulate
 from toolbox.errors import BudgetError
 from toolbox.simulation import EventExact, Smoothing, saved_run
 from toolbox.simulation.saved_run import interpolated, points
 
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 NUMBERS = {"reference": 8.0, "lowest_torque": 0.0, "highest_torque": 20_000.0}
 RUNS = {
     "sampled drive": (RIG, 30.0, {"controller": PI(reference=9.0), "sample_time": 0.01}),

@@ -11,6 +11,7 @@ import pytest
 
 from controllers import IdealSlidingMode, SlidingMode
 from models import BitRock, TorsionalChain, wells
+from tests.refusals import refusals
 from toolbox import Component, Controller, Equations, SceneError, SimulationError, compose, quantity, simulate, state, time
 from toolbox.errors import ZenoError
 from toolbox.modelling import Relay
@@ -246,11 +247,6 @@ def test_the_law_reads_the_top_drive_of_the_plant_it_is_designed_for():
     assert (law.inertia, law.drag) == (500.0, 77.0)
 
 
-def test_a_law_that_needs_a_string_says_so_on_a_plant_without_one():
-    with pytest.raises(SceneError, match="inertia"):
-        simulate(compose(Switched()), 1.0, controller=IdealSlidingMode())
-
-
 # --- what is refused
 
 
@@ -299,14 +295,11 @@ def test_a_relay_whose_gain_vanishes_on_its_surface_ends_in_a_typed_error():
         simulate(compose(relay_plant(make)), 5.0, start={"bad.x": 1.0, "bad.v": 0.3})
 
 
-def test_a_negative_bound_of_a_relay_is_refused():
-    with pytest.raises(SceneError, match="bound"):
-        compose(Switched(bound=-1.0))
-
-
-def test_the_ideal_form_has_no_samples_and_says_so():
-    with pytest.raises(SceneError, match="sample_time"):
-        simulate(RIG, 1.0, controller=IdealSlidingMode(), sample_time=0.01)
+test_wrong_uses_are_refused_in_these_words = refusals(
+    (lambda: simulate(compose(Switched()), 1.0, controller=IdealSlidingMode()), "inertia"),
+    (lambda: compose(Switched(bound=-1.0)), "bound"),
+    (lambda: simulate(RIG, 1.0, controller=IdealSlidingMode(), sample_time=0.01), "sample_time"),
+)  # fmt: skip
 
 
 def test_a_sign_in_a_flow_is_refused_with_the_advice_to_declare_a_relay():

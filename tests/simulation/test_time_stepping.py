@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from controllers import PI
-from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
+from models import BitRock, Coulomb, TorsionalChain, wells
 from studies.benchmarks import reference
+from tests.plants import BELT
 from toolbox import (
     Component,
     DryFriction,
@@ -30,7 +31,6 @@ from toolbox.inputs import sine
 from toolbox.modelling import Hysteresis, Relay
 from toolbox.simulation import TimeStepping  # fmt: skip
 
-BELT = compose(BlockOnBelt())
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_000.0))
 DRIVE = PI(proportional=4000.0, integral=1500.0, reference=8.0)
 

@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 import toolbox
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, TorsionalChain, wells
+from tests.plants import BELT, RIG
 from toolbox import Budget, Component, DryFriction, Equations, FrictionLaw, SceneError, SimulationError, compose, quantity, state, time
 from toolbox.inputs import sine
 from toolbox.simulation.methods import method_of
@@ -246,10 +247,9 @@ def test_an_event_on_an_output_time_is_given_after_the_event():
 
 
 def test_output_exactly_at_a_located_event_is_its_right_hand_limit():
-    plant = compose(BlockOnBelt())
-    events = simulate(plant, 30.0, accuracy=1e-8).events
+    events = simulate(BELT, 30.0, accuracy=1e-8).events
     instants = [event.time for event in events]
-    run = simulate(plant, 30.0, accuracy=1e-8, output_times=instants)
+    run = simulate(BELT, 30.0, accuracy=1e-8, output_times=instants)
     assert [(e.time, e.after) for e in run.events] == [(e.time, e.after) for e in events]
     assert list(run.modes["belt"]) == [event.after for event in events]
     assert [run.at(t)["belt.force"] for t in instants] == pytest.approx(list(run["belt.force"]), rel=1e-12)
@@ -347,15 +347,14 @@ def test_output_times_change_neither_the_events_nor_the_times_in_the_modes(grid)
 
 
 def test_any_instant_is_as_accurate_as_an_output_time():
-    rig = compose(wells.JANSEN_2, BitRock())
     grid = np.sort(np.random.default_rng(0).uniform(0, 40, 300))
     law = PI()
-    dense = simulate(rig, 40.0, controller=law)
-    given = simulate(rig, 40.0, controller=law, output_times=grid)
+    dense = simulate(RIG, 40.0, controller=law)
+    given = simulate(RIG, 40.0, controller=law, output_times=grid)
     at = dense.at(grid)
     for name in ("bit.speed", "top.speed", "bit.torque", "top.torque"):
         np.testing.assert_allclose(at[name], given[name], rtol=1e-11, atol=1e-11 * np.abs(given[name]).max())
-    better = simulate(rig, 40.0, controller=law, accuracy=1e-10).at(grid)
+    better = simulate(RIG, 40.0, controller=law, accuracy=1e-10).at(grid)
     np.testing.assert_allclose(at["bit.speed"], better["bit.speed"], atol=1e-5 * better["bit.speed"].max())
     np.testing.assert_array_equal(at.mode, given.mode)
 
@@ -461,9 +460,8 @@ def test_a_block_at_rest_without_any_force_survives_the_loss_of_its_load():
 
 
 def test_weight_on_bit_may_be_lifted_and_set_down_again():
-    rig = compose(wells.JANSEN_2, BitRock())
     table = ((20.0, 20.0, 40.0, 40.0), (97_347.0, 0.0, 0.0, 97_347.0))
-    run = simulate(rig, 60.0, inputs={"bit.weight": table}, controller=PI(), accuracy=1e-8)
+    run = simulate(RIG, 60.0, inputs={"bit.weight": table}, controller=PI(), accuracy=1e-8)
     assert run.time_in("bit", "stick", after=20.0, until=40.0) == 0.0
     assert np.all(run.at(np.linspace(20, 39.99, 100))["bit.torque"] == 0.0)
     assert np.abs(run.at(45.0)["bit.torque"]) > 1000.0

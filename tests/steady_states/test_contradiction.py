@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from controllers import PI, SoftTorque, StiffPI
-from models import BitRock, wells
-from toolbox import closed_loop, compose, equilibrium
+from tests.plants import RIG
+from toolbox import closed_loop, equilibrium
 from toolbox.errors import NoSteadyState
 from toolbox.steady_states.equilibria import EquilibriumBranch
 from toolbox.steady_states.zeros import contradictory
 
 STUCK = {"bit": "stick"}
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 
 
 def stuck(law):

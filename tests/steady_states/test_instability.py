@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from controllers import SoftTorque, StiffPI, ZTorque
-from models import BitRock, wells
-from toolbox import Sampled, closed_loop, compose, simulate
+from tests.plants import RIG
+from toolbox import Sampled, closed_loop, simulate
 from toolbox.commands.command_line import main
 from toolbox.steady_states.instability import instability
 from toolbox.steady_states.steady_loop import smooth_start
 
-PLANT = compose(wells.JANSEN_2, BitRock())
 WEIGHT = {"bit.weight": "97.347 kN"}
 
 
@@ -26,7 +25,7 @@ def swing(loop, duration):
 
 
 def test_a_swing_doubles_in_the_time_that_is_said():
-    loop = closed_loop(PLANT, Sampled(ZTorque(reference=8.0), "10 ms", delay="200 ms"), inputs=WEIGHT)
+    loop = closed_loop(RIG, Sampled(ZTorque(reference=8.0), "10 ms", delay="200 ms"), inputs=WEIGHT)
     words = instability(loop)
     assert words.startswith("Smooth running is unstable with these sample times and delays") and words.endswith("without them is stable.")
     doubles = float(re.search(r"doubles every ([\d.]+) s", words)[1])
@@ -37,23 +36,23 @@ def test_a_swing_doubles_in_the_time_that_is_said():
 
 
 def test_nothing_is_said_of_a_loop_in_which_a_swing_decays():
-    loop = closed_loop(PLANT, Sampled(SoftTorque(reference=9.9), "10 ms", delay="30 ms"), inputs=WEIGHT)
+    loop = closed_loop(RIG, Sampled(SoftTorque(reference=9.9), "10 ms", delay="30 ms"), inputs=WEIGHT)
     times, heights = swing(loop, 60.0)
     assert instability(loop) == "" and heights[times > 40.0].max() < 0.5 * heights[times < 20.0].max()
 
 
 def test_sampling_is_not_blamed_for_what_the_controller_does_without_it():
     for loop in (
-        closed_loop(PLANT, StiffPI(reference=3.0), inputs=WEIGHT),
-        closed_loop(PLANT, Sampled(StiffPI(reference=3.0), "10 ms"), inputs=WEIGHT),
+        closed_loop(RIG, StiffPI(reference=3.0), inputs=WEIGHT),
+        closed_loop(RIG, Sampled(StiffPI(reference=3.0), "10 ms"), inputs=WEIGHT),
     ):
         words = instability(loop)
         assert words.startswith("Smooth running is unstable: a small swing") and "without" not in words
 
 
 def test_nothing_is_said_where_nothing_is_known():
-    assert instability(closed_loop(PLANT, inputs=WEIGHT | {"top.torque": 0.0})) == ""
-    assert instability(closed_loop(PLANT, Sampled(lambda t, y: 9e3, 0.01), inputs=WEIGHT)) == ""
+    assert instability(closed_loop(RIG, inputs=WEIGHT | {"top.torque": 0.0})) == ""
+    assert instability(closed_loop(RIG, Sampled(lambda t, y: 9e3, 0.01), inputs=WEIGHT)) == ""
 
 
 def test_a_study_says_which_controller_is_unstable(root, tmp_path, capsys):

@@ -13,6 +13,7 @@ import pytest
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Exponential, TorsionalChain, wells
+from tests.plants import RIG
 from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, closed_loop, compose, quantity, simulate, state
 from toolbox.modelling import Relay
 from toolbox.steady_states.linear import equilibrium, linearise
@@ -40,11 +41,7 @@ class TwoDisks(Component):
         w1, w2, a = state("rotor.speed", "rad/s"), state("stator.speed", "rad/s"), state("stator.angle", "rad")
         torque = signal("rotor.torque", "N m", default=0.0)
         disk = DryFriction("disk", w1 - w2, self.friction, 10.0, slip_unit="rad/s", force_unit="N m")
-        flow = {
-            w1: (torque - self.drag * w1 + disk.force) / self.rotor,
-            w2: (-disk.force - self.stiffness * a) / self.stator,
-            a: w2,
-        }
+        flow = {w1: (torque - self.drag * w1 + disk.force) / self.rotor, w2: (-disk.force - self.stiffness * a) / self.stator, a: w2}
         return Equations(flow=flow, elements=[disk])
 
 
@@ -75,13 +72,7 @@ def test_the_poles_of_two_inertias_are_those_of_the_matrix_written_by_hand(rig):
     point = equilibrium(closed_loop(rig, inputs={"top.torque": 12_000.0}))
     w = point["bit.speed"]
     slope = -TORQUE * 0.3 * 0.9 * math.exp(-0.9 * w)
-    hand = np.array(
-        [
-            [0.0, 1.0, -1.0],
-            [-K / J1, -(C12 + CR) / J1, C12 / J1],
-            [K / J2, C12 / J2, -(C12 + CB + slope) / J2],
-        ]
-    )
+    hand = np.array([[0.0, 1.0, -1.0], [-K / J1, -(C12 + CR) / J1, C12 / J1], [K / J2, C12 / J2, -(C12 + CB + slope) / J2]])
     system = linearise(rig, point)
     assert system.state_labels == ["chain_twist[0]", "chain_speed[0]", "chain_speed[1]"]
     np.testing.assert_allclose(system.A, hand, rtol=1e-13)
@@ -352,10 +343,9 @@ def test_importing_it_loads_neither_control_nor_scipy():
 @pytest.mark.parametrize("reference", [3.0, 8.0, 14.0])
 def test_a_law_with_torque_limits_has_the_steady_state_that_it_has_without_where_they_do_not_bind(law, reference):
     # full steps of Newton jump from one limit to the other and find nothing
-    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
     states = []
     for limits in ({}, {"lowest_torque": 0.0, "highest_torque": 20e3}):
-        states.append(equilibrium(closed_loop(rig, law(reference=reference, **limits))).states)
+        states.append(equilibrium(closed_loop(RIG, law(reference=reference, **limits))).states)
     np.testing.assert_allclose(states[1], states[0], rtol=1e-9)
     assert states[1][1] == pytest.approx(reference, rel=1e-12)
 

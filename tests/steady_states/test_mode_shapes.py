@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from models import BitRock, DrillString, Section, TorsionalChain, wells
+from models import DrillString, Section, TorsionalChain, wells
+from tests.plants import RIG
 from toolbox import SceneError, compose
 from toolbox.steady_states import ModeShapes, mode_shapes
 
@@ -24,8 +25,7 @@ def test_a_free_row_of_equal_inertias_has_the_modes_of_the_textbook():
 
 
 def test_a_held_bit_does_not_move_and_leaves_the_top_to_swing_on_the_string():
-    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
-    held = mode_shapes(rig, mode={"bit": "stick"})
+    held = mode_shapes(RIG, mode={"bit": "stick"})
     inertia, stiffness = wells.JANSEN_2.inertia[0], wells.JANSEN_2.stiffness[0]
     assert abs(held.shapes[0][-1]) < 1e-9 and held.shapes[0][0] == pytest.approx(1.0, rel=1e-14)
     assert np.abs(held.poles[0]) == pytest.approx(np.sqrt(stiffness / inertia))

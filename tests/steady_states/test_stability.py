@@ -12,6 +12,7 @@ import pytest
 
 from controllers import PI, IdealSlidingMode, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Tabulated, TopDrive, TwoDisks, closed_forms, oscillators, wells
+from tests.refusals import each_of, refusals
 from toolbox import Sampled, SceneError, closed_loop, compose, linearise, measure, simulate
 from toolbox.errors import NoSteadyState
 from toolbox.inputs import sine
@@ -269,12 +270,6 @@ def test_no_motion_at_an_odd_part_of_the_natural_frequency_is_without_stops(odd)
         closed_forms.den_hartog_amplitude(block, 1.0, 1.0 / odd)
 
 
-@pytest.mark.parametrize("force", [0.0, -1.0, -0.05])
-def test_the_force_on_den_hartogs_block_is_an_amplitude(force):
-    with pytest.raises(SceneError, match="Argument `force` must be > 0"):
-        closed_forms.den_hartog_amplitude(BlockOnBelt(belt_speed=0.0, friction=Coulomb(0.1, 0.1)), force, 0.7)
-
-
 def test_den_hartogs_amplitude_is_refused_where_the_motion_has_stops():
     block = BlockOnBelt(belt_speed=0.0, friction=Coulomb(static=0.9, kinetic=0.9))
     with pytest.raises(SceneError, match="without stops"):
@@ -341,8 +336,10 @@ def test_a_sampled_law_is_not_taken_for_its_continuous_form_without_a_word():
         pole_locus(closed_loop(compose(*RIG), Sampled(StiffPI(), 0.05)), "top.reference", [4.0], mode={"bit": "slip+"})
 
 
-def test_a_collar_that_whirls_for_ever_has_no_steady_running():
+test_wrong_uses_are_refused_in_these_words = refusals(
+    *each_of(lambda force: closed_forms.den_hartog_amplitude(BlockOnBelt(belt_speed=0.0, friction=Coulomb(0.1, 0.1)), force, 0.7),
+     "Argument `force` must be > 0", [0.0, -1.0, -0.05]),
     # relaxed for long enough its angle is so large that round-off would hide its rate, and a state that never rests would be taken for one
-    loop = Scene.load(Path(__file__).parents[2] / "studies" / "scenes" / "whirl.toml")["stiff PI"]
-    with pytest.raises(NoSteadyState, match="`collar.angle` still changes"):
-        hopf_points(loop, "top.reference", ("60 rpm", "160 rpm"))
+    (lambda: hopf_points(Scene.load(Path(__file__).parents[2] / "studies" / "scenes" / "whirl.toml")["stiff PI"], "top.reference",
+     ("60 rpm", "160 rpm")), "`collar.angle` still changes", NoSteadyState),
+)  # fmt: skip

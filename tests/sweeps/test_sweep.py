@@ -24,6 +24,7 @@ import pytest
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, Exponential, LuGre, TorsionalChain, WhirlingCollar, wells
 from tests.dropping import Dropping
+from tests.plants import RIG
 from tests.together import together
 from toolbox import (
     Budget,
@@ -48,7 +49,6 @@ from toolbox.sweeps import Sweep, latin_hypercube, sobol, store, uniform
 from toolbox.sweeps import chunks as columns
 from toolbox.sweeps import executors as workers
 
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 
 

@@ -12,9 +12,10 @@ import pytest
 from scipy.special import j0
 
 from controllers import PI, StiffPI
-from models import BitRock, BlockOnBelt, DiscBrake, wells
+from models import BlockOnBelt, DiscBrake
 from tests.fading_brake import FadingBrake
 from tests.lanes.test_lanes_sample import CHAIN
+from tests.plants import RIG
 from tests.sweeps.test_sweep import Growth
 from tests.together import together
 from toolbox import Component, Equations, Sampled, closed_loop, compose, measure, quantity, simulate, state, sweep
@@ -24,8 +25,6 @@ from toolbox.modelling.inputs import sine
 from toolbox.sweeps import Sweep, batch, store, uniform
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes
 from toolbox.sweeps.variants import shared_run, varied_numbers
-
-RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 
 
 @dataclass(frozen=True)

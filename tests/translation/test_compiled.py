@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from tests.refusals import each_of, refusals
 from toolbox.compilation import work_layout
 from toolbox.stepping import event_stepper, noise, time_stepper
 from toolbox.translation import compiled
@@ -184,15 +185,11 @@ def _in_python(w, few):
     return w.wholes[0] + 40 + (2 if w.flags[0] else 1)
 
 
-def test_arrays_that_are_not_as_was_said_are_refused(empty):
-    made, given = Compiled(on_arrays, KINDS), arrays()
-    swapped = given.reals.astype(given.reals.dtype.newbyteorder())
-    for wrong in (given.reals.astype(np.float32), given.wholes, np.zeros((4, 2))[:, 0], np.zeros((2, 2)), swapped, [1.0], 1.0, None):
-        with pytest.raises(TypeError, match="reals"):
-            made(given._replace(reals=wrong))
-    for wrong in (tuple(given)[:-1], (*given, given.reals), ()):
-        with pytest.raises(TypeError, match="reals"):
-            made(wrong)
+test_wrong_uses_are_refused_in_these_words = refusals(
+    *each_of(lambda wrong: Compiled(on_arrays, KINDS)(arrays()._replace(reals=wrong)), "reals", (arrays().reals.astype(np.float32), arrays().wholes,
+     np.zeros((4, 2))[:, 0], np.zeros((2, 2)), arrays().reals.astype(arrays().reals.dtype.newbyteorder()), [1.0], 1.0, None), TypeError),
+    *each_of(lambda wrong: Compiled(on_arrays, KINDS)(wrong), "reals", (tuple(arrays())[:-1], (*arrays(), arrays().reals), ()), TypeError),
+)  # fmt: skip
 
 
 def test_arrays_of_a_file_and_whole_numbers_of_another_name_are_read_and_written_in_place(empty, tmp_path):

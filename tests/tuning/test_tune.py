@@ -16,6 +16,7 @@ from scipy.optimize import OptimizeResult
 
 from controllers import LQG, PI, ActiveDamping, SoftTorque, StiffPI, ZTorque
 from models import BitRock, Block, TorsionalChain, wells
+from tests.plants import RIG
 from toolbox import (
     Controller,
     Equations,
@@ -67,7 +68,6 @@ def squared(run):
     return off_by(run) ** 2
 
 
-RIG = compose(wells.JANSEN_2, BitRock())
 LOADS = (1000.0, 2000.0, 6000.0)
 
 

@@ -30,6 +30,7 @@ from .files import replaced as replaced
 from .machine import Compiled as Compiled
 from .machine import announced as announced
 from .numerics import halved as halved
+from .numerics import stands as stands
 from .numerics import window as window
 from .numerics import zero_order_hold as zero_order_hold
 from .packages import face as face

@@ -9,6 +9,7 @@ from typing import Any
 from toolbox.arguments import numbers
 from toolbox.commands.interrupt import goes_on
 from toolbox.commands.recording import answer
+from toolbox.commands.starting import add_start, start_given
 from toolbox.commands.terminal import asked_otherwise, common, loaded, plain, ranges
 from toolbox.commands.uncertainty import add_uncertain, left_out, uncertain_of, with_numbers
 from toolbox.errors import SceneError
@@ -21,7 +22,7 @@ def add(commands: Any) -> None:
         "chance",
         parents=[common("folder for table, figure and data; that of an interrupted search is continued")],
         description="Simulate every controller of a scene at all points with the same draws of what is uncertain, and print the chance of stick-slip with its "
-        "bounds by Clopper and Pearson, and the lowest set-point that is free with 95 %. Every run begins where the scene begins.",
+        "bounds by Clopper and Pearson, and the lowest set-point that is free with 95 %. Every run begins where the scene begins, or as --start says.",
         epilog="example: stickslip chance studies/scenes/jansen_2.toml --range top.reference='40 rpm:140 rpm:11' --uncertainty bit.weight='97 kN +- 8 kN' "
         "--uncertainty bit.friction.static=0.7:0.9 --controller 'stiff PI' --draws 200 --out chances",
     )
@@ -36,6 +37,7 @@ def add(commands: Any) -> None:
     asked_otherwise(verb)
     verb.add_argument("--draws", type=int, default=200, metavar="N", help="machines at every point (200)")
     verb.add_argument("--duration", type=plain, metavar="T", help="of a run; forty swings after the start without")
+    add_start(verb, "where the scene begins")
     verb.add_argument("--accuracy", type=float, default=1e-4, metavar="X", help="of the runs (1e-4)")
     verb.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the bounds (0.95)")
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the draws (0)")
@@ -72,6 +74,7 @@ def run(given: argparse.Namespace) -> int:
         uncertain_of(given),
         draws=given.draws,
         duration=given.duration,
+        starts=start_given(given, scene),
         accuracy=given.accuracy,
         confidence=given.confidence,
         seed=given.seed,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.arguments import number
 from toolbox.commands import figures
 from toolbox.commands.recording import results
+from toolbox.commands.starting import add_start, start_given
 from toolbox.commands.terminal import (
     asked_otherwise,
     check_known,
@@ -56,6 +57,7 @@ def add(commands: Any) -> None:
         help="a number that may be wrong, by a part NAME=20%% or within NAME=LOW:HIGH; `delay` is that of sampled laws; may be repeated",
     )
     verb.add_argument("--duration", metavar="T", help=f"of the runs with --uncertainty ({DURATION})")
+    add_start(verb, "smooth running, with the loop's own stick-slip told beside")
     asked_otherwise(verb)
     verb.set_defaults(action=run, spelled={"uncertainty": "--uncertainty"})
 
@@ -73,8 +75,10 @@ def run(given: argparse.Namespace) -> int:
         )
     wrong = wrong_numbers("--uncertainty", given.uncertainty)
     check_known(scene, labels, wrong)
-    if given.duration and not wrong:
-        raise SceneError("Argument `--duration` must stand beside `--uncertainty`: margins need no run of it.")
+    for option, text in (("--duration", given.duration), ("--start", given.start)):
+        if text and not wrong:
+            raise SceneError(f"Argument `{option}` must stand beside `--uncertainty`: margins need no run of it.")
+    starts = start_given(given, scene)
     duration = number("--duration", plain(given.duration or DURATION), "s", above=0)
     found: dict[str, dict[str, Any]] = {}
     failures: dict[str, Exception] = {}
@@ -84,7 +88,7 @@ def run(given: argparse.Namespace) -> int:
             try:
                 found[label] = {"margins": margins(scene[label])}
                 if wrong:
-                    found[label]["error"] = smallest_error(scene[label], wrong, duration)
+                    found[label]["error"] = smallest_error(scene[label], wrong, duration, starts=starts)
             except (SceneError, SimulationError) as error:
                 failures[label] = error
     check_some(failures, labels)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
 from toolbox.commands.recording import answer, results
+from toolbox.commands.starting import one_law
 from toolbox.commands.terminal import (
     asked_otherwise,
     check_some,
@@ -58,6 +59,11 @@ def add(commands: Any) -> None:
     border.add_argument("--at", metavar="VALUE", help="working point whose margin is reported; the value of the scene without")
     border.add_argument("--values", type=int, default=13, metavar="N", help="values at which both branches are simulated (13)")
     border.add_argument("--tolerance", metavar="X", help="of the borders; a thousandth of the range without")
+    border.add_argument(
+        "--initial-controller",
+        metavar="LABEL",
+        help="the controller whose stick-slip is taken over where stick-slip exists beside smooth running; those from rest, kicks and others are tried without",
+    )
     add_uncertain(border)
     border.add_argument("--draws", type=int, default=200, metavar="N", help="machines, where numbers are uncertain (200)")
     asked_otherwise(border)
@@ -83,6 +89,7 @@ def run(given: argparse.Namespace) -> int:
     if given.uncertainty or given.posterior:
         left_out(failures)
         return _uncertain(given, scene, loops, parameter, (low, high), tolerance)
+    initial = None if given.initial_controller is None else one_law(scene, "--initial-controller", given.initial_controller)
     onsets = {}
     stems = file_stems(labels)
     names = [*drawn_as(ONSET_FILES, given.format), *(f"{stem}_{table}" for stem in stems for table in TABLES)]
@@ -95,7 +102,9 @@ def run(given: argparse.Namespace) -> int:
                     continue
                 try:
                     loop = loops[label] if at is None else loops[label].at(parameter, at)
-                    onsets[label] = onset(loop, parameter, (low, high), num_values=given.values, tolerance=tolerance)
+                    onsets[label] = onset(
+                        loop, parameter, (low, high), num_values=given.values, tolerance=tolerance, initial_controller=initial
+                    )
                 except (SceneError, SimulationError) as error:
                     failures[label] = error
         check_some(failures, labels)

@@ -9,6 +9,7 @@ from typing import Any
 
 from toolbox.arguments import number
 from toolbox.commands.recording import answer
+from toolbox.commands.starting import add_start, start_given
 from toolbox.commands.terminal import common, plain
 from toolbox.errors import SceneError
 
@@ -26,14 +27,10 @@ def add(commands: Any) -> None:
         description="Design a law at depths of a well, where the first section of the string is longer or shorter, interpolate its gains between them, and "
         "check it at every depth and halfway between: disk margin, growth of smooth running, and runs. A law that designs itself, such as SoftTorque, changes "
         "with depth; numbers that the scene gives stay.",
-        epilog="example: stickslip schedule studies/scenes/deepening_well.toml --depths 1000m 2000m 3000m --initial-controller 'stiff PI' --out gains",
+        epilog="example: stickslip schedule studies/scenes/deepening_well.toml --depths 1000m 2000m 3000m --start 'takeover:stiff PI' --out gains",
     )
     depths_of_well(verb)
-    verb.add_argument(
-        "--initial-controller",
-        metavar="LABEL",
-        help="the controller whose stick-slip runs begin in; without, they begin near smooth running",
-    )
+    add_start(verb, "smooth running")
     verb.add_argument("--duration", metavar="T", help="of a run; that of the scene without")
     verb.set_defaults(action=run, spelled={"depths": "--depths"})
 
@@ -50,9 +47,9 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.modelling.laws import Sampled
 
     scene, law, well = law_and_well(given)
-    before = None if given.initial_controller is None else law_of(scene, given.initial_controller)
+    starts = start_given(given, scene)
     duration = scene.duration if given.duration is None else number("--duration", plain(given.duration), "s", above=0)
-    found = schedule(well, given.depths, law, duration, initial_controller=before)
+    found = schedule(well, given.depths, law, duration, starts=starts)
     drive = (lambda folder: export_schedule(found, well(found.depths[0]), folder / "drive")) if isinstance(law, Sampled) else None
     told = "Report, table, figure and C for the drive are" if drive else "There is no C of a continuous law. Report, table and figure are"
     return answer(given, "schedule", found, scene, "^Gains over depth", told, also=DRIVE, more=drive)

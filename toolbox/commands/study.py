@@ -6,12 +6,16 @@ import argparse
 import csv
 import glob
 import io
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from toolbox.commands import figures
 from toolbox.commands.recording import results, untimed
-from toolbox.commands.terminal import asked_otherwise, common, drawn_as, earlier, file_stems, loaded, progress, show
+from toolbox.commands.terminal import asked_otherwise, common, drawn_as, earlier, file_stems, loaded, otherwise, progress, show
+
+if TYPE_CHECKING:
+    from toolbox.scenes.verdict_table import Row
 
 COMMON_FILES = ("scene.toml", "study.txt", "table.csv", "comparison.png", "measured.csv")
 MANY = 60
@@ -47,6 +51,11 @@ def add(commands: Any) -> None:
         "--all-signals",
         action="store_true",
         help=f"write every signal of every run; without, a run of more than {MANY} columns leaves out arrays and the contacts that are not judged",
+    )
+    study.add_argument(
+        "--refined",
+        action="store_true",
+        help="repeat every verdict with twice as many elements of a string that is lumped from tables, and print both side by side",
     )
     asked_otherwise(study)
     study.set_defaults(action=run, spelled={"metrics": "--metric"})
@@ -91,11 +100,32 @@ def run(given: argparse.Namespace) -> int:
             )
         warning = scene.dependencies().warning
         notes += [warning] if warning else []
+        notes += [_refined(given, rows)] if given.refined else []
         notes += [f"{label}: {unstable}" for label in scene.labels if (unstable := instability(scene[label]))]
         (folder / "study.txt").write_text("\n\n".join([table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
     show("\n\n".join([table(scene, rows), *notes]))
     print(f"\n{'Figures, trajectories, table and scene' if runs else 'Table and scene'} are in {given.out}")
     return 1 if all(row.failed for row in rows) else 0
+
+
+def _refined(given: argparse.Namespace, rows: Sequence[Row]) -> str:
+    """The verdicts on the scene with twice as many elements, beside those of its own number."""
+    from toolbox.files.printing import columns
+    from toolbox.onsets import study
+    from toolbox.scenes.scene import Scene
+
+    finer = otherwise(Scene.load(given.scene, refined=True), given)
+    lumped = [words for part in finer.plant().parts if (words := getattr(part, "mode_summary", ""))]
+    again = [study.verdict_row(finer, row.controller)[0] for row in rows]
+    cells = [("controller", "verdict", "with twice the elements", "stuck", "with twice the elements")]
+    cells += [(a.controller, a.verdict, b.verdict, f"{a.stuck:.3g} s", f"{b.stuck:.3g} s") for a, b in zip(rows, again, strict=True)]
+    other = [a.controller for a, b in zip(rows, again, strict=True) if a.verdict != b.verdict]
+    told = (
+        f"The verdict on {', '.join(other)} depends on the number of elements."
+        if other
+        else "No verdict depends on the number of elements."
+    )
+    return "\n".join([f"With twice as many elements ({'; '.join(lumped)}):", *columns(cells, left=(0, 1, 2)), told])
 
 
 def _beside_measured(scene: Any, stems: list[str], folder: Path, ending: str) -> list[str]:

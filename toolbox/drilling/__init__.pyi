@@ -1,5 +1,6 @@
 from .answer_results import Answers as Answers
 from .answer_table import answers as answers
+from .connection import AfterConnection as AfterConnection
 from .depth_windows import Windows as Windows
 from .depth_windows import windows as windows
 from .ensemble import EnsembleFilter as EnsembleFilter

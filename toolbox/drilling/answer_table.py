@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,30 +19,21 @@ import numpy as np
 
 from toolbox.arguments import mapping, number, numbers
 from toolbox.drilling.answer_results import RAMP, STARTS, Answers, ControllerAnswer, Counted
+from toolbox.drilling.connection import WEIGHT, AfterConnection
 from toolbox.drilling.set_points import limits_of
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.journal import Journal, fingerprint
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText
-from toolbox.measuring.judge import SMOOTH
-from toolbox.modelling import inputs as shapes
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller, Sampled
-from toolbox.onsets.coming_to import Settled
+from toolbox.onsets.coming_to import last_change, verdict_on
 from toolbox.onsets.onset import onset
-from toolbox.robustness.starts import OwnStickSlip, TakenOver
+from toolbox.robustness.starts import FromRest, OwnStickSlip, Start, TakenOver
 from toolbox.robustness.worst_case import Trials, cases_of
 from toolbox.scenes.judged import judged_contact, judged_speed, set_point
 from toolbox.scenes.situation import Situation
 from toolbox.simulation.simulate import simulate
-from toolbox.steady_states.steady_loop import smooth_start
-
-WEIGHT = "bit.weight"
-"""The number that a connection takes away for a while."""
-
-OFF, AWAY, RAMPS = 10.0, 90.0, (10.0, 20.0, 60.0)
-"""A connection: the weight goes off within 10 s, stays off for 90 s, and comes on again within each of these times [s]."""
 
 ERRORS = len(STARTS)
 """Number of the question about plants with errors; those about the own stick-slip and the costs follow."""
@@ -217,37 +208,35 @@ class _Question:
                 self.journal.add(key, result)
         return known[key]
 
-    def _loops(self, start: str, loop: ClosedLoop, value: float) -> Iterator[ClosedLoop]:
-        """The loops whose runs are judged from a kind of start."""
+    def start_of(self, start: str) -> Start:
+        """The start of a column."""
+        if start == "takeover":
+            return TakenOver(self.initial, self.phases)
+        return AfterConnection() if start == "connection" else FromRest(RAMP if start == "ramp" else 0.0)
+
+    def _loops(self, start: str, loop: ClosedLoop, value: float) -> list[ClosedLoop]:
+        """The loops whose runs are judged from a kind of start; none where there is nothing to start from."""
         if start == "takeover":
             if value not in self.taken:  # the initial controller runs once for each set-point
-                found = TakenOver(self.initial, self.phases).on(loop)
-                self.taken[value] = [] if found.note else [loop.replace(start=each) for each in found.values]
-            yield from self.taken[value]
-        elif start == "step":
-            yield loop.replace(start={})
-        elif start == "ramp":
-            yield loop.replace(inputs={**loop.inputs, self.knob: shapes.ramp(0.02 * value, value, 0.0, RAMP)}, start={})
-        elif WEIGHT in self.loop.variable_numbers() and not math.isnan(weight := float(self.loop.number(WEIGHT).value)):
-            begin = smooth_start(loop)
-            for ramp in RAMPS:
-                times = np.cumsum([20.0, OFF, AWAY, ramp])
-                course = (0.0, *times.tolist()), (weight, weight, 1e-3 * weight, 1e-3 * weight, weight)
-                yield loop.replace(inputs={**loop.inputs, WEIGHT: course}, start=begin)
+                found = self.start_of(start).on(loop)
+                self.taken[value] = [] if found.note else found.loops(loop)
+            return self.taken[value]
+        try:
+            return self.start_of(start).on(loop).loops(loop)
+        except SceneError:
+            if start == "connection":  # a plant without a weight has none
+                return []
+            raise
 
     def _fails(self, loop: ClosedLoop) -> str:
         """Why a run does not come to smooth running; empty if it does."""
-        end = max((float(value.times[-1]) for value in loop.input_values.values() if isinstance(value, Table)), default=0.0)
+        end = last_change(loop)
         try:
             run = simulate(loop, end + self.duration)
         except SimulationError as error:
             return str(error)
-        settled = Settled.of(loop, self.contact, self.speed, end + 0.5 * self.duration)
-        judged = None if settled is None else settled.judged(run)
-        if judged is not None:
-            return "" if judged.regime == SMOOTH else judged.regime
-        stuck = run.time_in(self.contact, "stick", after=run.end - 0.3 * self.duration)
-        return f"stuck {stuck:.3g} s of the last {0.3 * self.duration:.3g} s" if stuck > 0.0 else ""
+        words, _ = verdict_on(run, self.contact, self.speed, end + 0.5 * self.duration)
+        return f"{words}: {words.reason}" if words.failed else ""
 
     def _errors(self, uncertainty: Mapping[str, Any] | None) -> list[Any]:
         """(held, runs, why) of takeovers on plants with one number wrong at a time, the nominal one left out."""
@@ -262,8 +251,8 @@ class _Question:
             if not factors:
                 continue
             machine = trials.machine(factors)
-            for begin in trials.starts(error, factors):
-                said = self._fails(machine.replace(start=begin))
+            for begun in trials.starts(error, factors).loops(machine):
+                said = self._fails(begun)
                 held, runs, why = held + (not said), runs + 1, why or (said and f"{error}: {said}")
         return [held, runs, why]
 

@@ -19,16 +19,11 @@ from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
 from toolbox.logs.flaws import local_spacing
+from toolbox.measuring.verdict import stick_slip_begins, stick_slip_ends
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.vocabulary import new_field
-
-SEVERE, CALM = 0.85, 0.6
-"""Severity from which on a bit that has stuck is evidence of stick-slip, below which it is over: half-range over the mean, 1 where it just stops."""
-
-STICKING = 0.5
-"""Part of the members that must have stuck."""
 
 UNITS = {"bit_speed": "rad/s", "bit_torque": "N m", "rock_strength": "1", "severity": "1", "onset_margin": "rad/s"}
 """{what is estimated: its unit}."""
@@ -67,9 +62,9 @@ class Detector:
         """Take in an estimate; returns whether there is stick-slip."""
         severity = found.severity[0]
         if self.alarm:
-            self.alarm = not severity < CALM
+            self.alarm = not stick_slip_ends(severity)
         else:
-            self.alarm = severity >= SEVERE and found.probability_stick_slip >= STICKING
+            self.alarm = stick_slip_begins(severity, found.probability_stick_slip)
         return self.alarm
 
 

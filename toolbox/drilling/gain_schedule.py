@@ -30,12 +30,10 @@ from toolbox.modelling.closing import described
 from toolbox.modelling.components import numbers_of, rebuilt
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.robustness.margins import disk_margin
-from toolbox.robustness.starts import TakenOver
-from toolbox.robustness.worst_case import Trials, percent
+from toolbox.robustness.outcomes import percent
+from toolbox.robustness.starts import Start
+from toolbox.robustness.worst_case import Trials
 from toolbox.vocabulary import new_names_only
-
-PHASES = 4
-"""Phases of a stick-slip that exists from which a law is tried at a depth."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +179,7 @@ def schedule(
     controller: Controller | Sampled | Callable[[float], Controller | Sampled],
     duration: NumberOrText,
     *,
-    initial_controller: Controller | Sampled | None = None,
+    starts: Start | None = None,
     after: NumberOrText | None = None,
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
@@ -202,9 +200,9 @@ def schedule(
         depth.
     duration
         Length of a run [s].
-    initial_controller
-        A controller that is replaced. If the string sticks and slips with it, runs begin at four phases of this
-        cycle. By default, and if it does not stick and slip, runs begin near smooth running.
+    starts
+        Starts of the runs, as in `worst_case`, such as `TakenOver(StiffPI(), phases=4)`, found on the plant of each
+        depth. By default `SmoothRunning()`.
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
@@ -256,7 +254,6 @@ def schedule(
     found, way, situation = [], "", ""
     for depth in sorted({*places, *((a + b) / 2 for a, b in pairwise(places))}):
         loop = closed_at(well, depth)
-        starts = None if initial_controller is None else TakenOver(initial_controller, PHASES, duration)
         closed = loop.replace(controllers=(_law_at(base, places, every, depth),))
         trials = Trials.of(closed, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
         outcomes = trials.of_cases({"nominal": {}})

@@ -26,7 +26,7 @@ import numpy as np
 
 from toolbox.drilling.groups import LASTING, Group, Machine
 from toolbox.errors import SceneError, SimulationError
-from toolbox.measuring.judge import told_growth
+from toolbox.measuring.judge import is_stick, told_growth
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, Equations
 from toolbox.modelling.composition import compose
@@ -442,8 +442,8 @@ def _failed(
 
 def verdict(numbers: Mapping[str, float], reference: float, noise: float, varying: bool = False, lasting: bool = False) -> str:
     """Why a run is no success, given seconds stuck and means of what was watched; empty where it is one."""
-    if numbers["stuck"] > 0.0:
-        return f"stuck {numbers['stuck']:.1f} s"
+    if is_stick(numbers["stuck"]):
+        return f"stuck {numbers['stuck']:.3g} s"
     off = numbers["speed"] / reference - 1.0
     if not abs(off) <= 0.02:
         return f"speed {100 * off:+.1f} %"

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -45,6 +46,9 @@ WINDOW = 2
 
 BUDGET = 2_000
 """Swings after which a run that nothing decides is given up."""
+
+SHORTEST = 1e-6
+"""Time in stick, as a fraction of the time that is looked at, up to which it is round-off: the contact touched zero speed and did not stick."""
 
 SAME = 1e-5
 """What two rounds may differ by, in parts of their size, to be the same."""
@@ -75,6 +79,26 @@ NEAR = 0.01
 
 CALM = 1e-3
 """Deviation, in parts of the target, that is small where it falls and small ones die."""
+
+
+def shortest_stick(whole: float, accuracy: float = 0.0) -> float:
+    """Return the time in stick [s] of a whole time up to which a contact only touches zero speed; a run resolves no less than ten times its accuracy."""
+    return max(10 * accuracy, SHORTEST) * whole
+
+
+def is_stick(stuck: Any, whole: float = 1.0) -> Any:
+    """Return whether a contact sticks, by the time it spends in stick. Arrays are answered element by element.
+
+    This is the only threshold of sticking: every verb asks it here.
+
+    Parameters
+    ----------
+    stuck
+        Time in stick [s], or a fraction of the whole.
+    whole
+        The time that is looked at [s], such as the judged window; 1 for a fraction.
+    """
+    return stuck > shortest_stick(whole)
 
 
 def told_growth(rate: float) -> str:
@@ -249,7 +273,7 @@ class Judge:
             run = run_on(state, self._ahead(record) * piece)
             state = run.last
             if record is None:
-                record = Record(self.element, self.signal, max(10 * run.accuracy, 1e-6) * self.swing, WINDOW * self.swing)
+                record = Record(self.element, self.signal, shortest_stick(self.swing, run.accuracy), WINDOW * self.swing)
             record.add(run)
             judged = self.decided(record)
             if judged is not None or record.now - record.first >= self.budget * self.swing:
@@ -267,7 +291,7 @@ class Judge:
 
     def of_run(self, run: Trajectory, after: float) -> Judged:
         """The verdict on a run as it is, from a time on [s]; not decided where it is too short to tell."""
-        record = Record(self.element, self.signal, max(10 * run.accuracy, 1e-6) * self.swing, WINDOW * self.swing)
+        record = Record(self.element, self.signal, shortest_stick(self.swing, run.accuracy), WINDOW * self.swing)
         record.add(run)
         record.sticks = np.maximum(record.sticks[record.sticks[:, 1] > after], after)
         record.first = max(record.first, after)

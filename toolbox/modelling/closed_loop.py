@@ -232,7 +232,8 @@ class ClosedLoop(Printed):
         moving = next((name for name, value in self.input_values.items() if not isinstance(value, float)), None)
         if moving is not None:
             raise SceneError(
-                f"Argument `{moving}` must be a number for {function}, but the loop varies it in time: give `loop.at({moving!r}, value)`."
+                f"Argument `{moving}` must be a number for {function}, but the loop varies it in time: give `loop.at({moving!r}, value)`, "
+                f"or on the command line `--hold {moving}=VALUE`."
             )
         return dict(self.input_values)
 

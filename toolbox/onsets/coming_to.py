@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
-from toolbox.measuring.judge import NOT_DECIDED, Judged
+from toolbox.measuring.judge import NOT_DECIDED, Judged, is_stick
+from toolbox.measuring.measure import stick_intervals
+from toolbox.measuring.verdict import NO_STICK, Verdict, of_judged, of_sticks
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.steady_point import Equilibrium
@@ -27,6 +29,29 @@ LONGEST = 200
 
 HERE = 0.0
 """The only place of a loop of which no number is free."""
+
+
+def verdict_on(run: Trajectory, element: str, signal: str, after: float) -> tuple[Verdict, Judged | None]:
+    """Return the verdict on a run, and what the judge found; None if no judge can tell more than the run shows.
+
+    The verbs that judge single runs all take this one.
+
+    Parameters
+    ----------
+    run, element, signal, after
+        As in `comes_to`.
+    """
+    return of_run(run, element, after, comes_to(run, element, signal, after))
+
+
+def of_run(run: Trajectory, element: str, after: float, judged: Judged | None) -> tuple[Verdict, Judged | None]:
+    """Return the verdict on a run of which the judge found something, or nothing, and that."""
+    length = run.end - max(after, run.begin)
+    intervals = [each for each in stick_intervals(run, element, after) if is_stick(each[1] - each[0], length)]
+    if judged is not None:
+        return of_judged(judged, len(intervals)), judged
+    found = of_sticks(intervals, after, run.end)
+    return found if intervals else NO_STICK.because(found.reason), None
 
 
 def comes_to(run: Trajectory, element: str, signal: str, after: float) -> Judged | None:
@@ -103,6 +128,11 @@ class Settled:
         with contextlib.suppress(SceneError, SimulationError):
             return dataclasses.replace(self.runs, budget=budget).run(HERE, start)[0]
         return None
+
+
+def last_change(loop: ClosedLoop) -> float:
+    """Return the time of the last node of the inputs of a loop over time [s]; 0 if all of them are constant."""
+    return max((float(value.times[-1]) for value in loop.input_values.values() if isinstance(value, Table)), default=0.0)
 
 
 def _settled(loop: ClosedLoop, after: float) -> tuple[ClosedLoop, float] | None:

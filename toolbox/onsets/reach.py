@@ -7,17 +7,20 @@ that holds once the loop is in it, and not for the stick-slip under another cont
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
 from toolbox.measuring.judge import STICKS
+from toolbox.modelling.closing import described
 from toolbox.onsets.carried import DAMPED, Carried, JudgedRuns, Place
 from toolbox.onsets.motions import moved, slip_rows, swings
 from toolbox.onsets.results import Reached
-from toolbox.onsets.takeover import taken_over, under_held_commands
+from toolbox.onsets.takeover import taken_over, under_controller, under_held_commands
 from toolbox.simulation.request import Request
 from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.running import at_set_points
@@ -32,18 +35,40 @@ HELD, KICKED = "the stick-slip under constant commands", f"a kick of up to {HARD
 """Starts of several runs."""
 
 
-def reached_from(carried: Carried[Place], value: Place) -> tuple[Reached, ...]:
-    """Return how many runs from each kind of start end in stick-slip at a place that has smooth running; empty if it has none."""
+PHASES = 8
+"""Phases at which the stick-slip of another controller is taken over."""
+
+BEFORE = 200.0
+"""Time for which that controller runs before [s]."""
+
+
+def reached_from(carried: Carried[Place], value: Place, initial: Any = None) -> tuple[Reached, ...]:
+    """Return how many runs from each kind of start end in stick-slip at a place that has smooth running; empty if it has none.
+
+    initial: another controller, whose stick-slip is taken over as well.
+    """
     if carried.search.steady(value)[1] is None:
         return ()
     counted: dict[str, list[tuple[bool, float]]] = {}
-    for begun, size, begin in _starts(carried, value):
+    for begun, size, begin in itertools.chain(_present(carried, value, initial), _starts(carried, value)):
         judged = carried.tried(value, begin, begun=begun, known=carried.known(value))
         counted.setdefault(begun, []).append((judged.regime == STICKS, size))
     return tuple(
         Reached(begun, sum(sticks for sticks, _ in runs), len(runs), min((size for sticks, size in runs if sticks), default=math.nan))
         for begun, runs in counted.items()
     )
+
+
+def _present(carried: Carried[Place], value: Place, initial: Any) -> Iterator[tuple[str, float, RunState]]:
+    """The phases of the stick-slip of another controller; none without one, and where it does not stick and slip."""
+    if initial is None:
+        return
+    loop = carried.search.at(value).loop
+    with contextlib.suppress(SceneError, SimulationError):
+        starts, note = under_controller(loop, initial, PHASES, BEFORE)
+        for start in [] if note else starts:
+            begin = Request(loop.replace(start=start), 0.0, accuracy=carried.search.base.accuracy).checked().start
+            yield f"the stick-slip under {described(initial)}", math.nan, begin
 
 
 def _starts(carried: Carried[Place], value: Place) -> Iterator[tuple[str, float, RunState]]:

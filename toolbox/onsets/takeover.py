@@ -7,14 +7,18 @@ state is chosen so that it gives the same command. Other continuous controllers 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from toolbox.arguments import whole
 from toolbox.errors import SceneError, SimulationError
+from toolbox.measuring.judge import is_stick
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, value_at
-from toolbox.scenes.judged import judged_contact, set_point
+from toolbox.modelling.closing import described
+from toolbox.modelling.laws import Controller
+from toolbox.scenes.judged import judged_contact, judged_speed, set_point
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.steady_loop import smooth_points
@@ -112,6 +116,38 @@ def under_held_commands(loop: ClosedLoop) -> Iterator[dict[str, Any]]:
             yield from cycle_phases(
                 simulate(loop.without_controllers.replace(inputs={**loop.without_controllers.inputs, **held}, start={}), 200.0)
             )
+
+
+def under_controller(loop: ClosedLoop, initial: Any, phases: int, duration: float) -> tuple[list[dict[str, Any]], str]:
+    """Start values of a loop that takes over the stick-slip of another controller at phases of its cycle, and an empty note.
+
+    Without stick-slip, return the last instant of the run and a note that says so. The other controller has the set-point of the loop.
+    Raises SimulationError if its run cannot be finished.
+    """
+    contact = judged_contact(loop)
+    aim = reference_of(loop, judged_speed(loop, contact))
+    initial = initial if aim is None else at_set_point(initial, aim)
+    alone = loop.without_controllers.replace(controllers=(initial,), inputs={}, start={})
+    run = simulate(alone.replace(inputs={name: value for name, value in loop.inputs.items() if _takes(alone, name)}), duration)
+    if len(releases_of(run, contact)) < 2 or not is_stick(run.time_in(contact, "stick", after=0.8 * duration), 0.2 * duration):
+        return [taken_over(loop, acting_at(run, run.end))], f"no stick-slip to end under {described(initial)}"
+    return [taken_over(loop, start) for start in cycle_phases(run, phases)], ""
+
+
+def _takes(loop: ClosedLoop, name: str) -> bool:
+    """Whether a loop has an input, or a parameter that an input may take the place of."""
+    return name in loop.system.inputs or loop.system.has_parameter(name) or loop.system.has_signal(name)
+
+
+def at_set_point(law: Any, reference: float) -> Any:
+    """A law, and the laws inside of it, with that set-point [rad/s]; what is no dataclass is returned as it is."""
+    if not dataclasses.is_dataclass(law):
+        return law
+    changed = {each.name: at_set_point(getattr(law, each.name), reference) for each in dataclasses.fields(law) if each.init}
+    changed = {name: value for name, value in changed.items() if isinstance(value, Controller) and value is not getattr(law, name)}
+    if isinstance(law, Controller) and hasattr(law, "reference"):
+        changed["reference"] = reference
+    return dataclasses.replace(law, **changed) if changed else law
 
 
 def releases_of(run: Trajectory, contact: str) -> list[float]:

@@ -15,12 +15,13 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import reading_of
 from toolbox.measuring.judge import Judged, told_growth
 from toolbox.measuring.measure import extent, stick_intervals
+from toolbox.measuring.metrics import distance
+from toolbox.measuring.verdict import Verdict
 from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.onsets.study import metrics_of, words_of
 from toolbox.scenes.judged import sticks_before_standstill
-from toolbox.scenes.verdict_table import Verdict
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import equilibrium, linearise
 
@@ -222,12 +223,13 @@ def reason(loop: ClosedLoop, words: str, judged: Judged | None, found: Mapping[s
         parts.append("Whether that stays so is being looked at.")
     elif judged is not None:
         if math.isfinite(judged.interval):
-            what = "The same stick comes back" if judged.sticks else "The same swing comes back"
-            parts.append(f"{what} every {judged.interval:.3g} s.")
+            what = "the same stick comes back" if judged.sticks else "the same swing comes back"
+            later = "Carried on, " if judged.sticks and not sticks else ""
+            parts.append(f"{later}{what if later else what.capitalize()} every {judged.interval:.3g} s.")
         if math.isfinite(judged.rate) and judged.rate != 0.0:
             steady = "dies" if judged.rate < 0 else "grows"
             parts.append(f"A small disturbance of smooth running {steady} (time constant {1 / abs(judged.rate):.3g} s).")
-        if words == "stick-slip" and judged.rate < 0:
+        if words.startswith("stick-slip") and judged.rate < 0:
             parts.append("Smooth running would last, too, if the machine were led to it.")
     elif words != "no modes":
         parts.append("The judge sees no more than this run: it is too short, or its inputs go on changing.")
@@ -253,7 +255,7 @@ def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Traject
             rows.append([name, f"{100 * value:.3g} %"])
     rows += _held_within(loop, run, display_units)
     return rows + [
-        row for row in (_way(loop, found, run) if loop.standstill_speed is not None else _swing(loop, run, display_units),) if row
+        row for row in (_stop(loop, found, run) if loop.standstill_speed is not None else _swing(loop, run, display_units),) if row
     ]
 
 
@@ -276,15 +278,15 @@ def _held_within(loop: ClosedLoop, run: Trajectory, display_units: Mapping[str, 
     return rows
 
 
-def _way(loop: ClosedLoop, found: Mapping[str, float], run: Trajectory) -> list[str]:
-    """The way of a stop, what its speed comes to until it stands, and its mean deceleration; empty where it never does, or what is judged is no speed."""
+def _stop(loop: ClosedLoop, found: Mapping[str, float], run: Trajectory) -> list[str]:
+    """The stopping distance and the mean deceleration of a stop; empty if it never stands, or if the judged signal is no speed."""
     unit, stands = run.unit(loop.signal or ""), found.get("settling", math.inf)
     if unit not in ("rad/s", "m/s") or not math.isfinite(stands):
         return []
-    way = extent(run, loop.signal or "", until=stands).mean * (stands - run.begin)
-    turns = f" ({way / (2.0 * math.pi):.3g} turns)" if unit == "rad/s" else ""
+    travelled = distance(loop.signal or "", run.begin, stands).read(run)
+    turns = f" ({travelled / (2.0 * math.pi):.3g} turns)" if unit == "rad/s" else ""
     slowed = abs(float(run.at(run.begin)[loop.signal or ""])) / (stands - run.begin)
-    return ["way of the stop", f"{way:.4g} {unit.removesuffix('/s')}{turns}, {slowed:.3g} {unit}2 in the mean"]
+    return ["stopping distance", f"{travelled:.4g} {unit.removesuffix('/s')}{turns}, {slowed:.3g} {unit}2 in the mean"]
 
 
 def _swing(loop: ClosedLoop, run: Trajectory, display_units: Mapping[str, str]) -> list[str]:

@@ -8,22 +8,21 @@ then is carried on by that judge itself.
 from __future__ import annotations
 
 import dataclasses
-import itertools
+import functools
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from toolbox.arguments import FloatArray, number, short, whole
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.journal import Journal
+from toolbox.files.journal import Journal, fingerprint
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText
-from toolbox.measuring import metrics
 from toolbox.measuring.judge import Judged
-from toolbox.measuring.metrics import Metric
+from toolbox.measuring.verdict import of_judged, of_quarters, quarters
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -32,9 +31,11 @@ from toolbox.onsets.coming_to import LONGEST, Settled, comes_to
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS
 from toolbox.probability.distributions import Draws, drawn, known_as
 from toolbox.probability.results import Chance
+from toolbox.robustness.starts import Start
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.scenes.situation import Situation, start_in_words
 from toolbox.simulation.simulate import simulate
+from toolbox.steady_states.steady_loop import smooth_start
 from toolbox.sweeps.designs import Variations, grid
 from toolbox.sweeps.executors import Manner, evaluated, probed
 from toolbox.sweeps.store import journal_in
@@ -51,27 +52,8 @@ SWINGS = 40
 QUARTER = 3
 """Swings that a quarter of a run must hold at least, so that its sticks can be counted."""
 
-SAME_STICK = 0.9
-"""Mean stick of the last quarter, in parts of that of the quarter before, from which on sticks are taken to last; sticks that shorten are judged."""
-
-SAME_SWING = 0.999
-"""Severity in the last quarter, in parts of that before, from which on sticks last that take as much of its time: a stick that an edge cuts counts as one, so
-that the mean stick of ten differs by a tenth where all are the same."""
-
-FALLS = 0.8
-"""Severity in the last quarter, in parts of that before, up to which a swing without a stick is taken to fall."""
-
-KEEPS = 0.95
-"""Mean slip of the last quarter, in parts of that before, from which on a run keeps its speed; one that slows down more may stand later."""
-
 LONGER = (3.0, 10.0)
 """Runs that are not clear are run so many times as long before the judge is asked."""
-
-DIED_OUT = 10.0
-"""Severity in the last quarter, in accuracies of the run, up to which a swing has died out: from a start far away only a run that comes back gets there."""
-
-ALL = 0.999
-"""Part of a quarter in stick that is all of it."""
 
 
 @new_names_only
@@ -82,7 +64,7 @@ def chance(
     *,
     draws: int = 200,
     duration: NumberOrText | None = None,
-    start: Callable[[Mapping[str, float]], Mapping[str, Any]] | None = None,
+    starts: Start | Callable[[Mapping[str, float]], Mapping[str, Any]] | None = None,
     accuracy: float = 1e-4,
     confidence: float = 0.95,
     seed: int = 0,
@@ -110,8 +92,11 @@ def chance(
     duration
         Length of a run [s], or text with a unit. By default forty oscillations of the machine in the middle of the
         ranges, after its inputs are constant.
-    start
-        A function {name: value} -> {state: start value}. By default the start of the loop.
+    starts
+        Start of the runs, as in `worst_case`: `FromRest()`, `SmoothRunning()`, `OwnStickSlip()` or
+        `TakenOver(initial_controller)`, found on each drawn plant. With several phases, each draw has one of them, and a
+        plant without such a stick-slip begins at smooth running. Or a function {name: value} -> {state: start value}.
+        By default the start of the loop, which is rest if it gives no values.
     accuracy
         Target for the global error of the runs, between 1e-13 and 0.1. The page on probabilities gives its cost and
         effect.
@@ -157,19 +142,23 @@ def chance(
     twice = next((name for name in points.names if name in known.names), None)
     if twice is not None:
         raise SceneError(f"Argument `uncertainty` must not name what is varied, but `{twice}` is in `ranges`, too.")
-    searches = {label: Search(each, points, known, duration, start, accuracy) for label, each in loops.items()}
+    searches = {
+        label: Search(_begun(each, starts), points, known, duration, _start_of(each, starts, known), accuracy)
+        for label, each in loops.items()
+    }
     longest = max(each.duration for each in searches.values())
     total = len(searches) * len(points.points) * draws
     outcomes, severities, judged = {}, {}, {}
     with progress_bar(total, "chance") as bar:
         for k, (label, search) in enumerate(searches.items()):
             search.duration = longest  # the same for all laws
+            search.begun = fingerprint(starts) if isinstance(starts, Start) else ""
             journal = None if checkpoint is None else search.journal(Path(checkpoint), k)
             found = search.found(bar, journal)
             outcomes[label], severities[label] = (each.reshape(*points.shape, draws) for each in found)
             judged[label] = search.judged
     names = [first.number(name) for name in points.names]
-    begun = start_in_words(first) if start is None else "a start of its own for each draw"
+    begun = start_in_words(first) if starts is None else starts.words if isinstance(starts, Start) else "a start of its own for each draw"
     lasts = f"{longest:.4g} s, carried on until the regime is decided"
     situation = Situation.of(first, begun, lasts, plants=f"{draws} plants with drawn numbers at each point", cases=loops)
     return Chance(
@@ -188,16 +177,29 @@ def labelled(loop: Any) -> dict[str, ClosedLoop]:
     return loops
 
 
-def quarters(element: str, signal: str, begin: float, end: float) -> dict[str, Metric]:
-    """What a run from a time on is decided by: sticks, time in stick, severity and mean slip of its third and its last quarter."""
-    edges = [begin + part * (end - begin) for part in (0.5, 0.75, 1.0)]
-    asked = {}
-    for k, (after, until) in enumerate(itertools.pairwise(edges)):
-        asked[f"sticks_{k}"] = metrics.stays(element, after, until)
-        asked[f"stuck_{k}"] = metrics.time_in(element, after, until)
-        asked[f"severity_{k}"] = metrics.severity(signal, after, until)
-        asked[f"mean_{k}"] = metrics.mean(f"{element}.slip", after, until)
-    return asked
+def _begun(loop: ClosedLoop, starts: Any) -> ClosedLoop:
+    """The loop without start values of its own, where a start gives all of them."""
+    return loop.replace(start={}) if isinstance(starts, Start) else loop
+
+
+def _start_of(loop: ClosedLoop, starts: Any, known: Variations) -> Callable[[Mapping[str, float]], Mapping[str, Any]] | None:
+    """The function {name: value} -> start values of a start; what is no start is returned as it is."""
+    if not isinstance(starts, Start):
+        return cast("Callable[[Mapping[str, float]], Mapping[str, Any]] | None", starts)
+    draw_of = {tuple(row): k for k, row in enumerate(known.points.tolist())}
+
+    @functools.cache
+    def begin(numbers: tuple[tuple[str, float], ...]) -> Mapping[str, Any]:
+        values = dict(numbers)
+        plant = put_all(loop, values)
+        found = starts.on(plant)
+        if any(found.inputs):
+            raise SceneError(f"Argument `starts` must be a start with constant inputs, but it is {starts.words}.")
+        if found.note or not found.values:
+            return smooth_start(plant)
+        return found.values[draw_of[tuple(values[name] for name in known.names)] % len(found.values)]
+
+    return lambda numbers: begin(tuple(numbers.items()))
 
 
 class Search:
@@ -205,6 +207,7 @@ class Search:
 
     def __init__(self, loop: ClosedLoop, points: Variations, known: Variations, duration: Any, start: Any, accuracy: float):
         self.loop, self.start, self.accuracy, self.judged = loop, start, accuracy, 0
+        self.begun = ""  # the start that was asked for, as a search that was stopped knows it
         self.manner: Manner | None = None  # of the first runs, for all
         self.names = (*points.names, *known.names)
         self.points, self.known = points.points, known.points
@@ -233,7 +236,8 @@ class Search:
     def journal(self, folder: Path, k: int) -> Journal:
         """What is known of this loop in a folder; k: place of the loop among all."""
         design = Variations(self.names, self._rows(0, 1), (len(self.known),))
-        more = {"points": [self.points.tolist()], "uncertainty": [self.names, self.known.tolist()]}
+        more: dict[str, Any] = {"points": [self.points.tolist()], "uncertainty": [self.names, self.known.tolist()]}
+        more |= {"starts": [self.begun]} if self.begun else {}
         return journal_in(folder, f"chance_{k + 1:02d}.jsonl", self.loop, design, self.duration, self.accuracy, **more)
 
     def _rows(self, begin: int, end: int) -> FloatArray:
@@ -280,20 +284,10 @@ class Search:
         task, broken, _ = task_of(self.loop, design, duration, start=self.start, metrics=asked, accuracy=self.accuracy)
         self.manner = self.manner or probed(task)
         found = dict(zip(asked, evaluated(task, broken, manner=self.manner)[0].T, strict=True))
-        n = [found[f"sticks_{k}"] for k in range(2)]
-        stuck = [found[f"stuck_{k}"] for k in range(2)]
-        severity = [found[f"severity_{k}"] for k in range(2)]
-        mean = [np.abs(found[f"mean_{k}"]) for k in range(2)]
         outcomes = np.full(len(rows), NONE, np.int8)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            stands = (stuck[0] >= ALL * quarter) & (stuck[1] >= ALL * quarter)
-            last = stuck[1] / n[1] >= SAME_STICK * stuck[0] / n[0]
-            last |= (stuck[1] >= SAME_STICK * stuck[0]) & (severity[1] >= SAME_SWING * severity[0])
-            sticks = (np.minimum(*n) >= 2) & last & ~stands
-            falls = (np.maximum(*n) == 0) & (severity[1] <= np.maximum(FALLS * severity[0], DIED_OUT * self.accuracy))
-            falls &= mean[1] >= KEEPS * mean[0]
+        falls, sticks, stands = of_quarters(found, quarter, self.accuracy)
         outcomes[falls], outcomes[sticks], outcomes[stands] = SMOOTH, STICK_SLIP, STUCK
-        return outcomes, np.where(stands, math.inf, severity[1]), np.isnan(n[0])
+        return outcomes, np.where(stands, math.inf, found["severity_1"]), np.isnan(found["sticks_0"])
 
     def judge(self, row: FloatArray) -> tuple[int, float]:
         """(outcome, severity) of one run by the judge, carried on until it is decided."""
@@ -301,7 +295,7 @@ class Search:
             judged = self._from_run(row) if self.alike is None else self._from_start(self.alike, row)
         except SimulationError:
             return NONE, math.nan
-        return (NONE, math.nan) if judged is None else (VERDICTS.get(judged.regime, NONE), judged.severity)
+        return (NONE, math.nan) if judged is None else (VERDICTS.get(of_judged(judged, 1).regime, NONE), judged.severity)
 
     def _from_start(self, alike: Settled, row: FloatArray) -> Judged | None:
         """What the one machine comes to from another start."""

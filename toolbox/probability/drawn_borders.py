@@ -34,6 +34,7 @@ from toolbox.probability.bounds import clopper_pearson, least_draws
 from toolbox.probability.chances import Search, labelled
 from toolbox.probability.distributions import Draws, drawn, known_as
 from toolbox.probability.pictures import picture
+from toolbox.scenes.situation import Situation, start_in_words
 from toolbox.steady_states.hopf import hopf_points
 from toolbox.sweeps.designs import grid
 from toolbox.vocabulary import new_names_only
@@ -74,6 +75,8 @@ class UncertainOnset(Told, Result):
         Confidence level of the bounds.
     display_units
         {SI unit: unit that was typed}.
+    situation
+        The situation for which the borders hold, in one line.
     """
 
     title: str
@@ -91,6 +94,7 @@ class UncertainOnset(Told, Result):
     accuracy: float
     confidence: float
     display_units: Mapping[str, str] = field(default_factory=dict)
+    situation: str = ""
 
     def lowest(self, free: float = 0.95) -> dict[str, float]:
         """Return for each controller the lowest value that is free of stick-slip with a given probability.
@@ -137,6 +141,7 @@ class UncertainOnset(Told, Result):
         lines: list[str | Rows] = [
             f"Onset of stick-slip over {self.name} from {low:.4g} to {high:.4g}{read.tail}: {self.title}, {len(self.points)} draws, "
             f"runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
+            *([f"  {self.situation}"] if self.situation else []),
             *(f"  {name} known as {words}" for name, words in self.uncertainty.items()),
         ]
         shows = len(self.points) >= least_draws(0.95, self.confidence)
@@ -275,6 +280,9 @@ def uncertain_onset(
         title=first.title, name=varied.name, unit=varied.unit, bounds=(low, high), uncertainty=known_as(uncertainty, known.names, draws),
         names=known.names, points=known.points, onset_values=borders, smooth_running_limits=smooth, tolerance=width, undecided_runs=unknown,
         duration=longest, accuracy=accuracy, confidence=confidence, display_units=asked_units((low, high)),
+        situation=str(
+            Situation.of(first, start_in_words(first), f"{longest:.4g} s, carried on until the regime is decided", plants=f"{draws} plants with drawn numbers")
+        ),
     )  # fmt: skip
 
 

@@ -7,10 +7,13 @@ from .joint_errors import SmallestError as SmallestError
 from .joint_errors import smallest_error as smallest_error
 from .limits import performance_limit as performance_limit
 from .margins import Margins as Margins
+from .outcomes import WorstCase as WorstCase
 from .responses import FrequencyResponse as FrequencyResponse
 from .responses import frequency_response as frequency_response
+from .starts import FromRest as FromRest
+from .starts import GivenStarts as GivenStarts
 from .starts import OwnStickSlip as OwnStickSlip
 from .starts import SmoothRunning as SmoothRunning
+from .starts import Start as Start
 from .starts import TakenOver as TakenOver
 from .starts import cycle_phases as cycle_phases
-from .worst_case import WorstCase as WorstCase

@@ -17,14 +17,15 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.measuring import measure
-from toolbox.measuring.judge import SMOOTH, STANDS, STICKS, told_growth
+from toolbox.measuring.judge import SMOOTH, is_stick, told_growth
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.onsets.coming_to import comes_to
+from toolbox.onsets.coming_to import verdict_on
 from toolbox.onsets.onset import onset
 from toolbox.onsets.results import Onset
 from toolbox.robustness.margins import Margins, margins
-from toolbox.robustness.worst_case import WorstCase, worst_case
+from toolbox.robustness.outcomes import WorstCase
+from toolbox.robustness.worst_case import worst_case
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.trajectory import Trajectory
 
@@ -62,20 +63,18 @@ class Checks:
         """
         __tracebackhide__ = True
         contact = judged_contact(run.program.system, element)
+        words, judged = verdict_on(run, contact, judged_speed(run.program.system, contact), after)
         sticks = measure.stick_intervals(run, contact, after)
-        if sticks:
-            lengths = [last - first for first, last in sticks]
+        lengths = [last - first for first, last in sticks]
+        if is_stick(sum(lengths), run.end - after):
             self._fail(
                 "no_stick_slip",
                 f"`{contact}` must not stick after {after:g} s, but it sticks {len(sticks)} time(s) for {sum(lengths):.4g} s in all, the longest "
-                f"{max(lengths):.4g} s, first at {sticks[0][0]:.4g} s",
+                f"{max(lengths):.4g} s, first at {sticks[0][0]:.4g} s: {words}, {words.reason}",
                 lambda: run.plot(),
             )
-        judged = comes_to(run, contact, judged_speed(run.program.system, contact), after)
-        if judged is not None and (judged.rate > 0 or judged.regime in (STICKS, STANDS)):
-            coming = (
-                f"a small disturbance of smooth running {told_growth(judged.rate)}" if judged.rate > 0 else f"carried on it {judged.regime}"
-            )
+        if judged is not None and (judged.rate > 0 or words.stick_slip):
+            coming = f"a small disturbance of smooth running {told_growth(judged.rate)}" if judged.rate > 0 else f"{words}: {words.reason}"
             self._fail(
                 "no_stick_slip",
                 f"`{contact}` must not stick after {after:g} s: it does not until {run.end:g} s, but {coming}",

@@ -36,15 +36,16 @@ from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.halving import halved
-from toolbox.measuring.judge import told_growth
+from toolbox.measuring.judge import is_stick, told_growth
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import all_described
 from toolbox.modelling.laws import Sampled
-from toolbox.onsets.coming_to import Settled
+from toolbox.onsets.coming_to import last_change, verdict_on
 from toolbox.robustness.disk_margins import balancing, frequencies, peak
+from toolbox.robustness.outcomes import Outcome
 from toolbox.robustness.starts import OwnStickSlip, SmoothRunning, Start, Starts
-from toolbox.robustness.worst_case import DELAY, Outcome, Trials, declared_value
+from toolbox.robustness.worst_case import DELAY, Trials, declared_value
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.linear_loop import NoDerivative
 from toolbox.steady_states.steady_loop import linear_loop
@@ -230,8 +231,8 @@ def smallest_error(
     duration
         Length of a run [s].
     starts
-        Starts of the runs: `TakenOver(initial_controller)`, `OwnStickSlip()`, or start values {state or held command:
-        value} of each run. By default `SmoothRunning()`, which needs constant inputs.
+        Starts of the runs, as in `worst_case`: `FromRest()`, `TakenOver(initial_controller)`, `OwnStickSlip()`, or start
+        values {state or held command: value} of each run. By default `SmoothRunning()`, which needs constant inputs.
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
@@ -292,7 +293,7 @@ def smallest_error(
         error=error,
         why=_alone(trials, numbers, error) if error else "",
         largest_tolerated=held,
-        runs=(search.tried - before + 1) * len(trials.starts(str(nothing), _factors(numbers, nothing))),
+        runs=(search.tried - before + 1) * len(trials.starts(str(nothing), _factors(numbers, nothing)).values),
         linear_size=linear_size,
         linear_error=linear,
         guaranteed_size=guaranteed,
@@ -371,19 +372,19 @@ def _alone(trials: Trials, numbers: Sequence[WrongNumber], error: Error) -> str:
     """What the machine with an error does from the start that is the worst, in words: one run outside of the lanes, and the judge."""
     worst: Outcome = trials.of_cases({str(error): _factors(numbers, error)}).worst
     factors = _factors(numbers, error)
-    loop = trials.machine(factors, worst.seed).replace(start=trials.starts(str(error), factors)[worst.start])
+    loop = trials.starts(str(error), factors).loops(trials.machine(factors, worst.seed))[worst.start]
+    begun = last_change(loop)
     try:
-        run = simulate(loop, trials.duration)
+        run = simulate(loop, begun + trials.duration)
     except SimulationError as failure:
         return str(failure)
-    settled = Settled.of(loop, trials.contact, trials.speed, trials.window)
-    judged = settled and settled.judged(run)
-    words = [judged.regime] if judged else []
-    if settled is not None and settled.rate > 0.0:
-        words.append(f"smooth running {told_growth(settled.rate)}")
-    stuck = run.time_in(trials.contact, "stick", after=trials.window)
-    if stuck > 0.0:
-        words.append(f"{100.0 * stuck / (trials.duration - trials.window):.2g} % of the window stuck")
+    verdict, judged = verdict_on(run, trials.contact, trials.speed, begun + trials.window)
+    words = [str(verdict)]
+    if judged is not None and judged.rate > 0.0:
+        words.append(f"smooth running {told_growth(judged.rate)}")
+    share = run.time_in(trials.contact, "stick", after=begun + trials.window) / (trials.duration - trials.window)
+    if is_stick(share):
+        words.append(f"{100.0 * share:.2g} % of the window stuck")
     if not math.isnan(worst.ripple):
         words.append(f"ripple {100.0 * worst.ripple:.2g} % ({100.0 * trials.allowed[1]:.2g} % allowed)")
     return ", ".join(words)

@@ -1,7 +1,15 @@
-"""Starts of judged runs: from smooth running, from the stick-slip of another controller that is taken over, or from the loop's own stick-slip.
+"""Starts of judged runs: where the runs begin that a verdict holds for, as small values that every verb takes.
 
-A verdict on a closed loop holds for the start of its runs. A loop can be smooth from one start and keep sticking from another one. Each start here finds its
-start values on the very plant that is judged, errors of the model included, and says in words what it is.
+    SmoothRunning()                     smooth running, with what the controllers remember there: the default of `worst_case`, `smallest_error`, `schedule`
+    FromRest(ramp=0.0)                  rest, with the set-point in one step, or by a ramp of so many seconds: the default of a study and of `chance`
+    TakenOver(controller, phases=8)     the stick-slip of another controller, which the judged one takes over: the default of `lowest_set_point`
+    OwnStickSlip(phases=4)              the stick-slip of the judged loop itself
+    GivenStarts(values)                 start values {state, memory or held command: value} of each run
+    toolbox.drilling.AfterConnection()  smooth running, from which the weight is taken off, and put on again
+
+A verdict on a closed loop holds for the start of its runs. A loop can be smooth from one start and keep sticking from another one. Each start is data, says in
+words what it is, and `start.on(loop)` finds the start values, and inputs that change on the way, on the very plant that is judged, errors of the model
+included. `onset`, `severity_map` and `windows` take no start: they follow both branches, from smooth running and from the stick-slip of the loop itself.
 
 A takeover is bumpless: the judged controller begins with the commands that act at that instant. Sampled controllers read the held commands at their first
 sample (`controllers.bumpless`); of a continuous controller with one state, such as an integral, that state is chosen so that it gives the same command.
@@ -9,40 +17,30 @@ sample (`controllers.bumpless`); of a continuous controller with one state, such
 
 from __future__ import annotations
 
+import abc
 import contextlib
-import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from toolbox.arguments import whole
-from toolbox.errors import SimulationError
+from toolbox.arguments import number, whole
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import STICKS
 from toolbox.modelling.closed_loop import ClosedLoop, value_at
 from toolbox.modelling.closing import described
+from toolbox.modelling.inputs import ramp
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.onsets.carried import Carried
 from toolbox.onsets.coming_to import HERE, Settled
 from toolbox.onsets.reach import held_starts
-from toolbox.onsets.takeover import acting_at, cycle_phases, reference_of, releases_of, taken_over
+from toolbox.onsets.takeover import at_set_point, cycle_phases, taken_over, under_controller
 from toolbox.scenes.judged import judged_contact, judged_speed, set_point
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.steady_loop import smooth_start
-
-
-def at_set_point(law: Any, reference: float) -> Any:
-    """A law, and the laws inside of it, with that set-point [rad/s]; what is no dataclass is returned as it is."""
-    if not dataclasses.is_dataclass(law):
-        return law
-    changed = {each.name: at_set_point(getattr(law, each.name), reference) for each in dataclasses.fields(law) if each.init}
-    changed = {name: value for name, value in changed.items() if isinstance(value, Controller) and value is not getattr(law, name)}
-    if isinstance(law, Controller) and hasattr(law, "reference"):
-        changed["reference"] = reference
-    return replace(law, **changed) if changed else law
-
 
 Starts = Sequence[Mapping[str, Any]]
 """Start values {state of the plant, memory or held command of a controller: value}, one mapping per run."""
@@ -50,15 +48,53 @@ Starts = Sequence[Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Found:
-    """Start values on one plant. note: why there is no stick-slip to start from, empty if there is;  period: of the stick-slip [s]."""
+    """Where runs begin on one plant.
+
+    Attributes
+    ----------
+    values
+        Start values, one mapping per run.
+    note
+        Why there is no stick-slip to start from; empty if there is.
+    period
+        Period of the stick-slip [s]; nan without.
+    inputs
+        Inputs of each run that take the place of those of the loop; empty if there are none.
+    """
 
     values: Starts
     note: str = ""
     period: float = math.nan
+    inputs: Sequence[Mapping[str, Any]] = ()
+
+    def loops(self, loop: ClosedLoop) -> list[ClosedLoop]:
+        """Return the loop of each run."""
+        inputs = self.inputs or [{} for _ in self.values]
+        return [loop.replace(start=start, inputs={**loop.inputs, **more}) for start, more in zip(self.values, inputs, strict=True)]
+
+
+class Start(abc.ABC):
+    """Where judged runs begin: a value that says it in words and finds it on a plant.
+
+    Examples
+    --------
+    >>> from toolbox.robustness import FromRest, Start
+    >>> print(isinstance(FromRest("30 s"), Start), FromRest("30 s").words)
+    True rest, set-point by a ramp of 30 s
+    """
+
+    @property
+    @abc.abstractmethod
+    def words(self) -> str:
+        """Description of the start."""
+
+    @abc.abstractmethod
+    def on(self, loop: ClosedLoop) -> Found:
+        """Return the start values on the plant of a loop. Raises SceneError if the loop cannot start so."""
 
 
 @dataclass(frozen=True)
-class SmoothRunning:
+class SmoothRunning(Start):
     """Start at smooth running, with the commands and the memory that the controllers have there.
 
     Examples
@@ -83,7 +119,76 @@ class SmoothRunning:
 
 
 @dataclass(frozen=True)
-class TakenOver:
+class FromRest(Start):
+    """Start from rest, with the set-point in one step or by a ramp.
+
+    Parameters
+    ----------
+    ramp
+        Duration of the ramp from 2 % of the set-point up to it [s]. 0 for one step.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, worst_case
+    >>> from toolbox.robustness import FromRest
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="95 rpm"), "10 ms"))
+    >>> print(worst_case(loop, "150 s", starts=FromRest("30 s")).survives)
+    True
+    """
+
+    ramp: NumberOrText = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ramp", number("ramp", self.ramp, "s", at_least=0))
+
+    @property
+    def words(self) -> str:
+        """Description of the start."""
+        return f"rest, set-point by a ramp of {self.ramp:g} s" if self.ramp else "rest, set-point in one step"
+
+    def on(self, loop: ClosedLoop) -> Found:
+        """Return the start values on the plant of a loop. Raises SceneError for a ramp of a loop without a set-point."""
+        if not self.ramp:
+            return Found([{}])
+        name = set_point(loop.system, judged_speed(loop, judged_contact(loop)))
+        if name is None or math.isnan(float(loop.number(name).value)):
+            raise SceneError("Argument `ramp` must be given to a loop with a constant set-point, but it has none.")
+        value = float(loop.number(name).value)
+        return Found([{}], inputs=[{name: ramp(0.02 * value, value, 0.0, float(self.ramp))}])
+
+
+@dataclass(frozen=True)
+class GivenStarts(Start):
+    """Start from given values of states, memories and held commands, such as `cycle_phases` returns.
+
+    Parameters
+    ----------
+    values
+        {state of the plant, memory or held command of a controller: value} of each run.
+
+    Examples
+    --------
+    >>> from toolbox.robustness import GivenStarts
+    >>> GivenStarts([{"bit.speed": 1.0}, {"bit.speed": 2.0}]).words
+    '2 given start(s)'
+    """
+
+    values: Starts
+
+    @property
+    def words(self) -> str:
+        """Description of the start."""
+        return f"{len(self.values)} given start(s)"
+
+    def on(self, loop: ClosedLoop) -> Found:
+        """Return the start values on the plant of a loop, with the commands that act."""
+        return Found([{**loop.start, **taken_over(loop, start)} for start in self.values])
+
+
+@dataclass(frozen=True)
+class TakenOver(Start):
     """Start from the stick-slip cycle of another controller, which the judged controller takes over without a jump of its command.
 
     Parameters
@@ -125,18 +230,12 @@ class TakenOver:
 
         Raises SimulationError if the run of the initial controller cannot be finished.
         """
-        contact = judged_contact(loop)
-        aim = reference_of(loop, judged_speed(loop, contact))
-        initial = self.initial_controller if aim is None else at_set_point(self.initial_controller, aim)
-        alone = loop.without_controllers.replace(controllers=(initial,), inputs={}, start={})
-        run = simulate(alone.replace(inputs={name: value for name, value in loop.inputs.items() if _takes(alone, name)}), self.duration)
-        if len(releases_of(run, contact)) < 2 or run.time_in(contact, "stick", after=0.8 * self.duration) == 0.0:
-            return Found([taken_over(loop, acting_at(run, run.end))], f"no stick-slip to end under {described(initial)}")
-        return Found([taken_over(loop, start) for start in cycle_phases(run, self.phases)])
+        values, note = under_controller(loop, self.initial_controller, self.phases, self.duration)
+        return Found(values, note)
 
 
 @dataclass(frozen=True)
-class OwnStickSlip:
+class OwnStickSlip(Start):
     """Start from the stick-slip of the judged loop itself, at phases of its cycle, with the memory of its controllers.
 
     The stick-slip is searched from four starts: smooth running whose contact is stopped, rest, smooth running in which
@@ -213,17 +312,11 @@ def _from_below(loop: ClosedLoop) -> Iterator[RunState]:
             yield end
 
 
-Start = SmoothRunning | TakenOver | OwnStickSlip
-"""Where judged runs start."""
+def start_of(starts: Start | Starts | None) -> Start:
+    """The start that an argument says: smooth running if it is None, given start values if it is no start."""
+    return SmoothRunning() if starts is None else starts if isinstance(starts, Start) else GivenStarts(list(starts))
 
 
-def _takes(loop: ClosedLoop, name: str) -> bool:
-    """Whether a loop has an input, or a parameter that an input may take the place of."""
-    return name in loop.system.inputs or loop.system.has_parameter(name) or loop.system.has_signal(name)
-
-
-def start_of(starts: Any) -> Start | None:
-    """The value that says where runs start, of an argument; None for given start values."""
-    if starts is None:
-        return SmoothRunning()
-    return starts if isinstance(starts, (SmoothRunning, TakenOver, OwnStickSlip)) else None
+__all__ = [
+    "FromRest", "GivenStarts", "OwnStickSlip", "SmoothRunning", "Start", "TakenOver", "at_set_point", "cycle_phases", "start_of",
+]  # fmt: skip

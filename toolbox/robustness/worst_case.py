@@ -7,7 +7,6 @@ start with every seed; the runs that differ by numbers alone step side by side (
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import itertools
 import math
@@ -20,164 +19,40 @@ import numpy as np
 
 from toolbox.arguments import mapping, number, numbers, short
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.files.printing import Rows, Told, shown
-from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
-from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
+from toolbox.measuring.judge import CALM, is_stick, told_growth
 from toolbox.measuring.metrics import Metric, maximum, mean, minimum, stuck_ratio
+from toolbox.measuring.verdict import (
+    FREE,
+    NO_STICK,
+    RUN_FAILED,
+    STICK_SLIP,
+    STICKS_IN_WINDOW,
+    STUCK,
+    Verdict,
+    of_quarters,
+    quarters,
+)
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import all_described
 from toolbox.modelling.laws import Sampled
 from toolbox.modelling.numbers import put_all
-from toolbox.onsets.coming_to import Settled
-from toolbox.onsets.takeover import reference_of, taken_over
-from toolbox.robustness.starts import Found, SmoothRunning, Start, Starts, start_of
+from toolbox.onsets.coming_to import LONGEST, Settled, last_change, of_run
+from toolbox.onsets.takeover import reference_of
+from toolbox.robustness.outcomes import Outcome, WorstCase
+from toolbox.robustness.starts import Found, GivenStarts, SmoothRunning, Start, Starts, start_of
 from toolbox.scenes.judged import judged_contact, judged_measures, judged_speed
 from toolbox.scenes.situation import Situation
+from toolbox.simulation.request import accuracy_of
 from toolbox.simulation.simulate import simulate
 from toolbox.sweeps.sweep import sweep
 
 DELAY = "delay"
 """The name by which the delay of sampled laws is varied."""
 
-
-@dataclass(frozen=True)
-class Outcome:
-    """One run, and what came of it in the judged window.
-
-    Attributes
-    ----------
-    error
-        The model error in words; "nominal" where there is none.
-    start, seed
-        Index of the start, and seed of the noise.
-    stuck
-        Part of the window that the contact sticks [1].
-    mean_error
-        Error of the mean speed, as a part of its target [1].
-    ripple
-        Half the range of the command by its mean, the largest of any command [1].
-    rate
-        Rate at which a small disturbance of smooth running grows on this machine [1/s]; nan where it is not known.
-    failure
-        Why the run could not be finished, or what it comes to in spite of a calm window; empty where neither is so.
-    excess
-        The largest of these by what is allowed, infinite for a run that sticks, grows or fails; at most 1 is a success.
-    more
-        {name: value} of further measures.
-    """
-
-    error: str
-    start: int
-    seed: int
-    stuck: float
-    mean_error: float
-    ripple: float
-    rate: float
-    failure: str
-    excess: float
-    more: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class WorstCase(Told, Result):
-    """Outcomes of a loop over model errors, starts and seeds.
-
-    `print(found)` shows the worst outcome of each error, `found.worst` is the worst of all.
-
-    Attributes
-    ----------
-    title
-        The controllers and how they run.
-    run_conditions
-        Start of the runs, the judged contact, and time from which runs are judged.
-    outcomes
-        One `Outcome` per run.
-    seconds
-        Computing time of the runs [s].
-    situation
-        The situation for which the verdict holds, in one line.
-
-    Examples
-    --------
-    >>> from controllers import SoftTorque
-    >>> from models import BitRock, wells
-    >>> from toolbox import Sampled, closed_loop, compose, worst_case
-    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="60 kN")), Sampled(SoftTorque(reference="120 rpm"), "10 ms"))
-    >>> print(len(worst_case(loop, "60 s", uncertainty={"bit.weight": "10 %"}).outcomes), "runs")
-    3 runs
-    """
-
-    title: str
-    run_conditions: str
-    outcomes: tuple[Outcome, ...]
-    seconds: float = field(default=0.0, compare=False)
-    situation: str = ""
-
-    @property
-    def _more(self) -> list[str]:
-        """The names of further measures."""
-        return list(self.outcomes[0].more) if self.outcomes else []
-
-    @property
-    def worst(self) -> Outcome:
-        """The outcome with the largest excess. Raises SceneError if no plant has the stick-slip from which runs were to start."""
-        if not self.outcomes:
-            raise SceneError(f"There is no worst outcome, because there was no run: {self.run_conditions}.")
-        return max(self.outcomes, key=_badness)
-
-    @property
-    def survives(self) -> bool:
-        """Whether every run is a success."""
-        return all(outcome.excess <= 1.0 for outcome in self.outcomes)
-
-    @property
-    def by_error(self) -> dict[str, Outcome]:
-        """{error: worst outcome}, in the order of the trials."""
-        found: dict[str, Outcome] = {}
-        for outcome in self.outcomes:
-            known = found.get(outcome.error)
-            found[outcome.error] = outcome if known is None else max(known, outcome, key=_badness)
-        return found
-
-    @property
-    def rows(self) -> list[tuple[str, ...]]:
-        """The table as text: the worst outcome of each error, and how many of its runs fail."""
-        lines: list[tuple[str, ...]] = [("error", "failed", "start", "seed", "stuck", "mean error", "ripple", "a disturbance", *self._more)]
-        for error, worst in self.by_error.items():
-            own = [outcome for outcome in self.outcomes if outcome.error == error]
-            failed = sum(outcome.excess > 1.0 for outcome in own)
-            numbers = [percent(each) for each in (worst.stuck, worst.mean_error, worst.ripple)]
-            numbers += [told_growth(worst.rate), *(f"{value:.4g}" for value in worst.more.values())]
-            lines.append((error, f"{failed} of {len(own)}", str(worst.start), str(worst.seed), *numbers))
-        return lines
-
-    def _told(self) -> list[str | Rows]:
-        failed = sum(outcome.excess > 1.0 for outcome in self.outcomes)
-        if not self.outcomes:
-            return [
-                f"Worst case of {self.title}: no run, because there is no stick-slip to start from",
-                f"  {self.situation or self.run_conditions}",
-            ]
-        verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
-        return [
-            f"Worst case of {self.title}: {verdict}",
-            f"  {self.situation or self.run_conditions}",
-            Rows(self.rows),
-        ]
-
-    def _table(self) -> HeadedRows:
-        """One row per run."""
-        headings = ["error", "start", "seed", "stuck", "mean error", "ripple", "rate [1/s]", "failure", "excess", *self._more]
-        return headings, [[*list(vars(outcome).values())[:-1], *outcome.more.values()] for outcome in self.outcomes]
-
-    def plot(self, axes: Any = None) -> Any:
-        """Draw stick time and ripple of every run by its error (`toolbox.robustness.figures.worst_case_diagram`), and return both axes."""
-        from toolbox.robustness.figures import worst_case_diagram
-
-        rows = [(o.error, o.stuck, o.ripple, o.excess <= 1.0) for o in self.outcomes]
-        return worst_case_diagram(rows, axes=axes)
+SETTLED = 7.0
+"""Time constants of smooth running after which its error and ripple are told, of a run that comes to it late: a disturbance is a thousandth by then."""
 
 
 @sign_of_life("worst_case is at work")
@@ -225,8 +100,10 @@ def worst_case(
         Starts of the runs:
 
         - `SmoothRunning()` (default), which needs constant inputs.
+        - `FromRest(ramp)`: from rest, set-point in one step or by a ramp.
         - `TakenOver(initial_controller)`: from the stick-slip of another controller on each machine.
         - `OwnStickSlip()`: from the stick-slip of the loop itself.
+        - `AfterConnection()` of `toolbox.drilling`: the weight is taken off and put on again.
         - Start values {state or held command: value} of each run, such as `cycle_phases` returns.
     seeds
         Seeds of the noise of `Sampled`, used if it has noise.
@@ -268,15 +145,15 @@ def worst_case(
 class Trials:
     """How a loop is run and judged on machines that differ from the declared one by factors of its numbers.
 
-    window: time from which on a run is judged [s];  start: where runs start, found on each machine;  given: start values in place of that;  target: of the
-    mean speed;  allowed: (error of the mean, ripple);  measures: more;  known: the judges of machines by the words of their errors;  begun: their starts.
+    window: time from which on a run is judged [s];  start: where runs start, found on each machine;  target: of the mean speed;  allowed: (error of the mean,
+    ripple);  measures: more;  known: the judges of machines by the words of their errors;  begun: their starts. Both times count from the last change of an
+    input that belongs to the start.
     """
 
     loop: ClosedLoop
     duration: float
     window: float
-    start: Start | None
-    given: Starts
+    start: Start
     seeds: Sequence[int]
     target: float
     allowed: tuple[float, float]
@@ -301,10 +178,9 @@ class Trials:
         window = 0.7 * duration if after is None else number("after", after, "s")
         noisy = any(isinstance(law, Sampled) and law.noise for law in loop.controllers)
         start = start_of(starts)
-        given: Starts = [] if start is not None else list(starts)  # type: ignore[arg-type]
         aim = reference_of(loop, judged_speed(loop, judged_contact(loop)))
         wanted = math.nan if aim is None else aim
-        return cls(loop, duration, window, start, given, seeds if noisy else (0,), wanted, allowed, metrics)
+        return cls(loop, duration, window, start, seeds if noisy else (0,), wanted, allowed, metrics)
 
     @cached_property
     def contact(self) -> str:
@@ -324,12 +200,7 @@ class Trials:
     @property
     def way(self) -> str:
         """From where the runs begin, which contact is judged, and when, in words."""
-        return f"runs of {self.duration:g} s from {self._begins}; `{self.contact}` judged from {self.window:g} s on{self._notes}"
-
-    @property
-    def _begins(self) -> str:
-        """From where the runs start, in words."""
-        return f"{len(self.given)} given start(s)" if self.start is None else self.start.words
+        return f"runs of {self.duration:g} s from {self.start.words}; `{self.contact}` judged from {self.window:g} s on{self._notes}"
 
     @property
     def _notes(self) -> str:
@@ -354,17 +225,15 @@ class Trials:
     def situation(self, plants: str) -> Situation:
         """The situation of the verdicts on some plants."""
         lasts = f"{self.duration:g} s, `{self.contact}` judged from {self.window:g} s on{self._notes}"
-        return Situation.of(self.loop, self._begins, lasts, plants=plants)
+        return Situation.of(self.loop, self.start.words, lasts, plants=plants)
 
-    def starts(self, error: str, factors: Mapping[str, float]) -> Starts:
-        """The start values of the runs of an error: smooth running is that of the nominal plant, stick-slip that of the machine itself."""
-        if self.start is None:
-            return [taken_over(self.loop, start) for start in self.given]
-        shared = isinstance(self.start, SmoothRunning)
+    def starts(self, error: str, factors: Mapping[str, float]) -> Found:
+        """Where the runs of an error begin: smooth running and given values are those of the nominal plant, all else is of the machine itself."""
+        shared = isinstance(self.start, (SmoothRunning, GivenStarts))
         key = "nominal" if shared else error
         if key not in self.begun:
             self.begun[key] = self.start.on(self.loop if shared else self.machine(factors))
-        return self.begun[key].values
+        return self.begun[key]
 
     def of_cases(self, cases: Mapping[str, Mapping[str, float]]) -> WorstCase:
         """The outcome of every start and seed in every case {error in words: {number of the loop: factor}}."""
@@ -378,26 +247,40 @@ class Trials:
         seconds = 0.0
         delays = sorted({case.get(DELAY, 1.0) for case in cases.values()})
         begins = {label: self.starts(label, case) for label, case in cases.items()}
-        for late, seed, k in itertools.product(delays, self.seeds, range(max(map(len, begins.values())))):
-            own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late and k < len(begins[label])}
+        for late, seed, k in itertools.product(delays, self.seeds, range(max(len(each.values) for each in begins.values()))):
+            own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late and k < len(begins[label].values)}
+            alone = [label for label in own if begins[label].inputs]  # whose inputs differ as well: one after the other
+            for label in alone:
+                machine = begins[label].loops(self.machine(own.pop(label), seed))[k]
+                found.append(self._alone((label, k, seed), machine, more))
             if not own:
                 continue
             rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
-            by_row = {tuple(row.values()): begins[label][k] for row, label in zip(rows, own, strict=True)}
-            varied = self.machine({DELAY: late}, seed)
+            by_row = {tuple(row.values()): begins[label].values[k] for row, label in zip(rows, own, strict=True)}
+            varied = self.machine({DELAY: late}, seed).replace(start={})
             done = sweep(varied, rows, self.duration, start=lambda row, known=by_row: known[tuple(row.values())], metrics=asked)  # type: ignore[misc]
             seconds += done.seconds
             for i, label in enumerate(own):
                 numbers = {name: float(done[name][i]) for name in asked}
-                outcome = self._outcome((label, k, seed), numbers, done.failures.get(i, ""))
-                if outcome.excess <= 1.0:
-                    swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"])
-                    outcome = self._lasting(outcome, put_all(varied, rows[i]).replace(start=begins[label][k]), swing)
+                machine = put_all(varied, rows[i]).replace(start=begins[label].values[k])
+                outcome = self._outcome((label, k, seed), numbers, done.failures.get(i, ""), machine)
                 found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
         order = {label: i for i, label in enumerate(cases)}
         found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
         plants = "the nominal plant" if list(cases) == ["nominal"] else f"the nominal plant and {len(cases) - 1} with errors"
         return WorstCase(all_described(loop.controllers), self.way, tuple(found), seconds, str(self.situation(plants)))
+
+    def _alone(self, run: tuple[str, int, int], machine: ClosedLoop, more: Mapping[str, Metric]) -> Outcome:
+        """The outcome of a run whose inputs change on the way, judged when they are constant; run: its error, start and seed."""
+        begun = last_change(machine)
+        own = dataclasses.replace(self, duration=begun + self.duration, window=begun + self.window)
+        further = {name: dataclasses.replace(each, after=own.window) for name, each in more.items()}
+        try:
+            done = simulate(machine, own.duration)
+        except SimulationError as error:
+            return own._outcome(run, {}, str(error), machine)
+        outcome = own._outcome(run, {name: each.read(done) for name, each in own._read.items()}, "", machine)
+        return dataclasses.replace(outcome, more={name: each.read(done) for name, each in further.items()})
 
     @cached_property
     def _read(self) -> dict[str, Metric]:
@@ -405,33 +288,80 @@ class Trials:
         of_speed = {"mean": mean, "lowest": minimum, "highest": maximum}
         of_drives = {"low": minimum, "high": maximum, "mean": mean}
         found = {"stuck": stuck_ratio(self.contact, self.window)} | {word: of(self.speed, self.window) for word, of in of_speed.items()}
-        return found | {f"{word} {name}": of(name, self.window) for name in self.actuated_signals for word, of in of_drives.items()}
+        found |= {f"{word} {name}": of(name, self.window) for name in self.actuated_signals for word, of in of_drives.items()}
+        if 2.0 * self.window > self.duration:  # the window is the third and the last quarter of a time within the run
+            found |= quarters(self.contact, self.speed, 2.0 * self.window - self.duration, self.duration)
+        return found
 
-    def _outcome(self, run: tuple[str, int, int], numbers: Mapping[str, float], failure: str) -> Outcome:
-        """What came of a run, and by how much it is beyond what is allowed; run: its error, start and seed."""
+    def _outcome(self, run: tuple[str, int, int], numbers: Mapping[str, float], failure: str, machine: ClosedLoop) -> Outcome:
+        """What came of a run, and by how much it is beyond what is allowed; run: its error, start and seed;  machine: its loop, with its start.
+
+        Clear stick-slip is told by the window, smooth running by a window that is calm where small disturbances die. All else is carried on by the judge.
+        """
         if failure:
-            return Outcome(*run, math.nan, math.nan, math.nan, math.nan, str(failure), math.inf)
+            return Outcome(*run, math.nan, math.nan, math.nan, math.nan, str(failure), math.inf, RUN_FAILED)
+        found = Outcome(*run, numbers["stuck"], *self._sizes(numbers), math.nan, "", 0.0, FREE)
+        if "sticks_0" in numbers:
+            seen = {name: np.array([value]) for name, value in numbers.items()}
+            _, slips, stands = of_quarters(seen, (self.duration - self.window) / 2, accuracy_of(self.loop))
+            if slips[0] or stands[0]:
+                return self._judged_as(found, STICK_SLIP if slips[0] else STUCK)
+        settled = self.settled(found.error, machine)
+        if settled is None:
+            return self._judged_as(found, STICKS_IN_WINDOW if is_stick(found.stuck) else NO_STICK)
+        found = dataclasses.replace(found, rate=settled.rate)
+        swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"]) if numbers["mean"] else math.inf
+        calm = not is_stick(found.stuck) and swing < CALM
+        if settled.rate > 0.0 and not is_stick(found.stuck):
+            return self._judged_as(found, Verdict(told_growth(settled.rate), failed=True, reason="smooth running is not stable"))
+        if calm and settled.rate < 0.0:
+            return self._judged_as(found, FREE)
+        return self._carried_on(found, machine, settled)
+
+    def _carried_on(self, found: Outcome, machine: ClosedLoop, settled: Settled) -> Outcome:
+        """An outcome that the window does not tell, by the judge; of a run that comes to smooth running, error and ripple are those that it has there."""
+        own = Settled.of(machine, self.contact, self.speed, self.window, known=settled.runs.branch)
+        try:
+            run = simulate(machine, self.duration)
+            verdict, judged = of_run(run, self.contact, self.window, None if own is None else own.judged(run))
+            if judged is None and is_stick(found.stuck) and not verdict.failed:
+                verdict = STICKS_IN_WINDOW
+            if not verdict.failed and judged is not None and self._excess(found) > 1.0:
+                still = (
+                    min(SETTLED / abs(settled.rate), LONGEST * settled.runs.period) if settled.rate < 0.0 else LONGEST * settled.runs.period
+                )
+                last = simulate(machine, still + self.duration - self.window, start=run.last)
+                asked = {name: dataclasses.replace(each, after=last.begin + still) for name, each in self._sized.items()}
+                error, ripple = self._sizes({name: each.read(last) for name, each in asked.items()})
+                found = dataclasses.replace(found, mean_error=error, ripple=ripple)
+        except SimulationError as error_of_run:
+            return dataclasses.replace(found, failure=str(error_of_run), excess=math.inf, verdict=RUN_FAILED)
+        return self._judged_as(found, verdict)
+
+    @property
+    def _sized(self) -> dict[str, Metric]:
+        """The measures of error and ripple."""
+        return {name: each for name, each in self._read.items() if name == "mean" or name.partition(" ")[2] in self.actuated_signals}
+
+    def _sizes(self, numbers: Mapping[str, float]) -> tuple[float, float]:
+        """(error of the mean speed, ripple) as fractions of their means."""
         error, ripple = numbers["mean"] / self.target - 1.0, 0.0
         for name in self.actuated_signals:
             swing, middle = (numbers[f"high {name}"] - numbers[f"low {name}"]) / 2, abs(numbers[f"mean {name}"])
             ripple = max(ripple, swing / middle if middle > 0.0 else math.inf if swing > 0.0 else 0.0)
-        off = 0.0 if math.isnan(error) else abs(error)
-        excess = math.inf if numbers["stuck"] > 0.0 else max(off / self.allowed[0], ripple / self.allowed[1])
-        return Outcome(*run, numbers["stuck"], error, ripple, math.nan, "", excess)
+        return error, ripple
 
-    def _lasting(self, outcome: Outcome, machine: ClosedLoop, swing: float) -> Outcome:
-        """An outcome whose window is calm, with what it comes to; swing: of the speed in the window, in parts of its mean."""
-        settled = self.settled(outcome.error, machine)
-        if settled is None:
-            return outcome
-        rate = settled.rate
-        comes_to = told_growth(rate) if rate > 0.0 else ""
-        if not rate > 0.0 and not (rate < 0.0 and swing < CALM):
-            own = Settled.of(machine, self.contact, self.speed, self.window, known=settled.runs.branch)
-            with contextlib.suppress(SimulationError):
-                judged = own and own.judged(simulate(machine, self.duration))
-                comes_to = judged.regime if judged and judged.regime in (STICKS, STANDS) else ""
-        return dataclasses.replace(outcome, rate=rate, failure=comes_to, excess=math.inf if comes_to else outcome.excess)
+    def _excess(self, found: Outcome) -> float:
+        """The larger of error and ripple by what is allowed."""
+        off = 0.0 if math.isnan(found.mean_error) else abs(found.mean_error)
+        return max(off / self.allowed[0], found.ripple / self.allowed[1])
+
+    def _judged_as(self, found: Outcome, verdict: Verdict) -> Outcome:
+        """An outcome with its verdict."""
+        lost = verdict.failed
+        return dataclasses.replace(
+            found, verdict=verdict, failure=verdict.word if lost else "", excess=math.inf if lost else self._excess(found)
+        )
 
 
 def cases_of(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
@@ -485,15 +415,3 @@ def as_run(law: Any, late: float, seed: int) -> Any:
             )
         return law
     return dataclasses.replace(law, delay=law.delay * late, seed=seed)
-
-
-def _badness(outcome: Outcome) -> tuple[bool, float, float, float]:
-    """By what outcomes are compared: runs that fail, then the time stuck, then the excess."""
-    stuck = 0.0 if math.isnan(outcome.stuck) else outcome.stuck
-    finite = outcome.excess if math.isfinite(outcome.excess) else 0.0
-    return bool(outcome.failure), stuck, finite, outcome.ripple if math.isfinite(outcome.ripple) else 0.0
-
-
-def percent(value: float) -> str:
-    """A part in per cent as a report says it."""
-    return shown(100.0 * value, ".2g", " %")

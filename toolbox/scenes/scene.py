@@ -166,7 +166,7 @@ class Scene(Labelled):
         return scene
 
     @staticmethod
-    def load(path: str | Path, *, depth: float | str | None = None) -> Scene:
+    def load(path: str | Path, *, depth: float | str | None = None, refined: bool = False) -> Scene:
         """Read and check the scene in a TOML file.
 
         Parameters
@@ -176,6 +176,8 @@ class Scene(Labelled):
         depth
             Depth [m], or text with a unit, at which a part from tables ends, such as a `DrillString`. It replaces the
             depth in the file.
+        refined
+            Whether parts that are lumped from tables, such as a `DrillString`, have twice as many elements.
 
         Returns
         -------
@@ -189,7 +191,7 @@ class Scene(Labelled):
         """
         path = Path(path)
         try:
-            scene = Scene(**scene_file.read(path, depth))
+            scene = Scene(**scene_file.read(path, depth, refined))
             scene.check()
         except SceneError as error:
             raise SceneError(f"Scene `{path}`: {error}") from None

@@ -48,11 +48,12 @@ LAWS: dict[type, str] = {FrictionLaw: "friction law", Controller: "control law"}
 """Kinds of laws that a field may hold; an observer is a control law to the catalogue."""
 
 
-def read(path: Path, depth: float | str | None = None) -> dict[str, Any]:
-    """The fields of a Scene in a TOML file, with its part from tables made for that depth; raises SceneError. Whether it can be simulated is left to
-    `Scene.check`."""
+def read(path: Path, depth: float | str | None = None, refined: bool = False) -> dict[str, Any]:
+    """The fields of a Scene in a TOML file, with its part from tables made for that depth, or of twice as many elements; raises SceneError. Whether it can be
+    simulated is left to `Scene.check`."""
     data = _data(path)
-    return _scene(data if depth is None else _ending_at(data, depth), path.parent)
+    data = data if depth is None else _ending_at(data, depth)
+    return _scene(_refined(data, path.parent) if refined else data, path.parent)
 
 
 def _data(path: Path) -> dict[str, Any]:
@@ -188,6 +189,22 @@ def _ending_at(data: Mapping[str, Any], depth: float | str) -> dict[str, Any]:
         f"its machine is known at one depth only, because none of its parts ({', '.join(named)}) is made from a table of sections, of which the first could "
         'be longer or shorter: `part = "DrillString"` with `sections` is.'
     )
+
+
+def _refined(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """A scene whose parts that are lumped from tables have twice as many elements. Raises SceneError if it has none."""
+    entries = _tables(data, "plant")
+    finer = []
+    for i, entry in enumerate(entries):
+        item: Any = catalogue.part(entry["part"], "part") if isinstance(entry, dict) and isinstance(entry.get("part"), str) else None
+        if _from_tables(item, entry) and "elements" in inspect.signature(item.from_tables).parameters:
+            count = entry.get("elements") or _component(entry, f"plant.{i}", folder).element_count
+            finer.append({**{key: value for key, value in entry.items() if key != "band"}, "elements": 2 * count})
+        else:
+            finer.append(entry)
+    if finer == entries:
+        raise SceneError("none of its parts is lumped from a table of sections, so that no number of elements can be doubled.")
+    return {**data, "plant": finer}
 
 
 def _loaded(kind: Any, value: Any, name: str, folder: Path) -> Any:

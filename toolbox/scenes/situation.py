@@ -6,11 +6,13 @@ whether the controllers were designed once, what acted from outside, and for how
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import Controller, Sampled
@@ -77,7 +79,7 @@ class Situation:
 
 def start_in_words(loop: ClosedLoop) -> str:
     """How a run of a loop starts, in words."""
-    name = set_point(loop.system, judged_speed(loop, judged_contact(loop))) if loop.plant.elements else None
+    name = _set_point_of(loop)
     step = (
         ""
         if name is None
@@ -90,12 +92,19 @@ def start_in_words(loop: ClosedLoop) -> str:
     return f"given start values{step}"
 
 
+def _set_point_of(loop: ClosedLoop) -> str | None:
+    """The name of the set-point of a loop; None if it has none, or nothing that sticks."""
+    with contextlib.suppress(SceneError):
+        return set_point(loop.system, judged_speed(loop, judged_contact(loop))) if loop.plant.elements else None
+    return None
+
+
 def _design(loop: ClosedLoop) -> str:
     """How the controllers of a loop were designed, in words."""
     laws: list[Any] = [law.law if isinstance(law, Sampled) else law for law in loop.controllers]
     if not any(isinstance(law, Controller) and type(law).design is not Controller.design for law in laws):
         return "controller with fixed numbers" if laws else "no controller"
-    name = set_point(loop.system, judged_speed(loop, judged_contact(loop))) if loop.plant.elements else None
+    name = _set_point_of(loop)
     number = None if name is None else loop.number(name)
     if number is None or math.isnan(number.value):
         return "controller designed once, for this plant"

@@ -24,32 +24,6 @@ if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
 
 
-class Verdict(str):
-    """A verdict in words. tone: "good", "fair" or "bad", how it is coloured."""
-
-    tone: str
-
-    def __new__(cls, words: str, tone: str = "fair") -> Verdict:
-        verdict = super().__new__(cls, words)
-        verdict.tone = tone
-        return verdict
-
-
-FREE = Verdict("free", "good")
-NO_STICK = Verdict("no stick", "good")
-RECOVERED = Verdict("recovered", "good")
-RECOVERED_ONCE = Verdict("recovered after 1 stick")
-SWING = Verdict("swing")
-NO_MODES = Verdict("no modes")
-STANDS_AT_ONCE = Verdict("stands at once")
-DOES_NOT_STAND = Verdict("does not stand")
-STICK_SLIP = Verdict("stick-slip", "bad")
-STICK_SLIP_LATER = Verdict("stick-slip later", "bad")
-IRREGULAR = Verdict("irregular stick-slip", "bad")
-STUCK = Verdict("stuck", "bad")
-FAILED = Verdict("failed", "bad")
-
-
 @dataclass(frozen=True)
 class Row:
     """One line of the table of a study, in SI; nan where a number does not exist, inf for what never settles.
@@ -156,6 +130,11 @@ def judged_by(scene: Scene) -> str:
     return f"{scene.judged_names}, judged from {scene.after:g} s to {until}{set_point}.\n{situation}"
 
 
+def _time_stuck(stuck: float) -> str:
+    """A time in stick as text: two decimals, and three digits where these would be zeros, so that a stick is never shown as 0.00 s."""
+    return shown(stuck, ".2g" if stuck and f"{stuck:.2f}" == "0.00" else ".2f", " s")
+
+
 def in_cells(scene: Scene, rows: Sequence[Row], times: bool = True) -> list[list[str]]:
     """Headings and rows as texts, in the units of the scene; times: whether with the time that each took."""
     effort = reading(scene.plant().unit(scene.effort), scene.display_units)
@@ -180,7 +159,7 @@ def in_cells(scene: Scene, rows: Sequence[Row], times: bool = True) -> list[list
             [
                 row.controller,
                 row.verdict,
-                shown(row.stuck, ".2f", " s"),
+                _time_stuck(row.stuck),
                 shown(row.severity, ".3f"),
                 "never" if row.settling == math.inf else shown(row.settling, ".1f", " s"),
                 "-" if row.settling == math.inf else shown(100 * row.overshoot, ".1f", " %"),  # without settling it is only a peak

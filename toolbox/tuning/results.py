@@ -101,6 +101,8 @@ class Tuned(Told, Result):
         Number of runs of this call. All others came from the checkpoint.
     display_units
         {SI unit: unit that was typed}: the units of report and figure.
+    situation
+        The situation for which the objectives hold, in one line.
     """
 
     title: str
@@ -114,6 +116,7 @@ class Tuned(Told, Result):
     simulated_runs: int
     loop: ClosedLoop = field(repr=False, metadata=LEFT_OUT)
     display_units: Mapping[str, str] = field(default_factory=dict)
+    situation: str = ""
 
     @property
     def before(self) -> Trial:
@@ -191,6 +194,7 @@ class Tuned(Told, Result):
         counts = f"{_count(len(self.free), 'free number')}, {_count(len(self.objectives), 'objective')}"
         told: list[str | Rows] = [
             f"Tuning of {self.title}: {counts}{over}; {tried} points, {tried * len(self.scenes)} runs, seed {self.seed}",
+            *([self.situation] if self.situation else []),
             *([f"{failed} of the points have a run that could not be finished: infinitely bad."] if failed else []),
         ]
         if not self.front:

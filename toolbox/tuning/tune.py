@@ -38,6 +38,7 @@ from toolbox.modelling.numbers import law_with_numbers
 from toolbox.scenes.cases import Case
 from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.scene import Scene
+from toolbox.scenes.situation import Situation, start_in_words
 from toolbox.sweeps.executors import check_executor
 from toolbox.tuning.results import Free, Tuned, plain_number, with_numbers
 from toolbox.tuning.search import Spent, TuningSearch, is_result, smallest, spread
@@ -164,6 +165,18 @@ def tune(
         search.simulated,
         loop,
         {**scenes[next(iter(scenes))].display_units, **{each.unit: asked_in((each.low, each.high), each.unit) for each in reversed(free)}},
+        _situation(scenes, loops),
+    )
+
+
+def _situation(scenes: Mapping[str, Scene], loops: Mapping[str, ClosedLoop]) -> str:
+    """The situation of the objectives, in one line: that of the first scene, and how many there are."""
+    label = next(iter(scenes))
+    plants = "the plant of the scene" if len(scenes) == 1 else f"the plants of {len(scenes)} scenes"
+    first = scenes[label]
+    lasts = f"{first.duration:g} s, judged from {first.after:g} s on"
+    return str(
+        Situation.of(loops[label], start_in_words(loops[label]), lasts, plants=plants, design="controller designed anew for each point")
     )
 
 

@@ -11,7 +11,8 @@ import pytest
 from controllers import HeldSpeed
 from models import BrakeActuator, DiscBrake, Tabulated
 from toolbox import Component, Equations, closed_loop, compose, equilibrium, quantity, severity_map, state
-from toolbox.errors import NoSteadyState
+from toolbox.errors import NoSteadyState, SceneError
+from toolbox.steady_states.running import running
 
 CURVE = Tabulated(speeds=(0.0, 0.05, 0.2, 0.6, 1.5, 4.0), coefficients=(0.46, 0.45, 0.43, 0.40, 0.385, 0.38), static=0.46)
 BRAKE = compose(DiscBrake(force=0.0, wheel_radius="300 mm", radius="115 mm", friction=CURVE), BrakeActuator())
@@ -111,6 +112,16 @@ def test_groan_of_a_brake_with_a_rate_limit_is_mapped_beyond_the_highest_force()
     expected = (2.0 * falls[:, None] * forces - 200.0) / (2.0 * 10.0)  # of the pad alone, beside a disc of 36 kg m2
     np.testing.assert_allclose(found.growth[:, 1:], expected[:, 1:], rtol=1e-3)
     assert (expected[:, 0] < found.growth[:, 0]).all() and (found.growth[:, 0] < -2.0).all()  # the least damped motion is that of the drive
+
+
+def test_the_input_that_keeps_a_speed_is_found_past_a_rate_limit():
+    coefficient = np.interp(6.0 * 0.115, (0.6, 1.5), (0.40, 0.385))
+    held = running(closed_loop(BRAKE, inputs={"actuator.command": 3100.0}), {"disc.speed": 6.0}, "disc.torque")
+    assert held["disc.torque"] == pytest.approx(2.0 * 0.115 * coefficient * 3100.0, rel=1e-12)
+    pressed = running(closed_loop(BRAKE, inputs={"disc.torque": 300.0}), {"disc.speed": 6.0}, "actuator.command")
+    assert pressed["actuator.command"] == pytest.approx(300.0 / (2.0 * 0.115 * coefficient), rel=1e-12)
+    with pytest.raises(SceneError, match="There is no steady running"):  # 8 kN are not enough
+        running(closed_loop(BRAKE, inputs={"disc.torque": 900.0}), {"disc.speed": 6.0}, "actuator.command")
 
 
 def test_a_limit_that_leaves_no_steady_state_is_still_told():

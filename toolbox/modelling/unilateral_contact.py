@@ -17,7 +17,9 @@ class UnilateralContact(Element):
         elastic (stiffness k, damping c):  N = k d + c d' while closed; closes when d and k d + c d' are both positive, opens at N = 0
         rigid (restitution e):             d' = 0 while closed, opens at N = 0; an impact turns d' into -e d'
 
-    `closure` d is negative while the contact is open. `rate` is d'. Give either `stiffness` or `restitution`.
+    `closure` d is negative while the contact is open. `rate` is d'. Give either `stiffness` or `restitution`. Stiffness
+    and damping may be expressions. For example, `damping=c * stiffness * closure` is the contact of Hunt and Crossley,
+    N = k d (1 + c d').
 
     - In the equations of motion N must act against the closure, with the sign that reduces d'.
     - Friction at the contact is a `DryFriction` with load N. List it after the unilateral contact in `elements`.

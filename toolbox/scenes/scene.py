@@ -21,7 +21,7 @@ from toolbox.modelling.composition import compose
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_start
-from toolbox.scenes import saving, scene_file
+from toolbox.scenes import keys, saving, scene_file
 from toolbox.scenes.cases import Case, Labelled, Measured, Number, Waveform, _reference
 from toolbox.scenes.judged import judged_effort, judged_element, judged_speed, set_point
 from toolbox.simulation.request import Request
@@ -251,8 +251,8 @@ class Scene(Labelled):
             }
             own = {name: value for name, value in self.parameters.items() if self.plant().has_parameter(name)}
             loop = ClosedLoop(
-                self.plant(), laws_of(case.controller, None), inputs, own, self.start, case.label, self.element, self.signal, self.duration,
-                self.after, self.accuracy, self.effort, standstill_speed=self.standstill_speed,
+                self.plant(), laws_of(case.controller, None), inputs, own, self.start, case.label, duration=self.duration, accuracy=self.accuracy,
+                **{name: getattr(self, name) for name in keys.names("[verdict]")},
             )  # fmt: skip
             others = {k: v for k, v in self.parameters.items() if k not in own}
             loop = loop.with_parameters(others) if others else loop

@@ -20,8 +20,11 @@ class BrakeForce(BrakeLaw):
 
         w' = -(2 mu r margin N_0 / I) exp(q w),   w_e = ln(N_p / (margin N_0)) / q
 
-    From w_e to standstill the disc takes the time (1 - exp(-q w_e)) I / (2 mu r margin N_0 q). Without the margin it
-    would take w_e I / (2 mu r N_p).
+    mu is `friction`, r the effective radius and I the inertia of the disc. N_0 is the border of groan at standstill and
+    q its growth with the disc speed (`groan_border`).
+
+    From w_e to standstill the disc takes the time (1 - exp(-q w_e)) I / (2 mu r margin N_0 q). Without the margin the
+    disc takes w_e I / (2 mu r N_p) from w_e to standstill.
 
     Examples
     --------

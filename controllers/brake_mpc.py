@@ -28,20 +28,30 @@ class BrakeMPC(BrakeLaw):
         n_k <= margin N(w_k) + excess,   lowest_force <= u_k <= highest_force,   |u_k - u_(k-1)| <= force_rate h
 
     - u is the command, n the force of one pad, w the speed of the disc, w_p the planned speed, z the error of the
-      angle, and h the sample time `period`.
+      angle, and h the sample time `period`. r is the effective radius of the pads and I the inertia on the disc.
+    - excess >= 0 is the force by which the plan violates the border of groan.
     - alpha = 1 - exp(-h / lag). The time constant `lag` of the actuator is read from the plant if it is not given.
     - mu = T / (2 r n) is the measured coefficient of friction, averaged over `filter_time`. T is the brake torque.
     - N(w) is the border of groan. A border N_0 exp(q w) is convex in w. The program uses its tangents at the last
       prediction, which lie below the border. A border that is constant in pieces, for example from a friction table, is
       taken at the speed of the last prediction.
 
-    The controller predicts the border, so it brakes harder before it must reduce the force.
+    The controller predicts the border. It therefore brakes harder than the plan before it must reduce the force.
 
     The plan of the stop and the limits of the command are described in the base class `controllers.brake_law.BrakeLaw`.
 
     A solution that does not satisfy its KKT conditions is rejected, and the controller continues with its last plan.
-    `run.controllers[0].record` holds computing times and fallbacks. The controller is sampled only, with the sample
+    `run.controllers[0].record` holds computing times and fallbacks. The controller runs sampled only, with the sample
     time `period`.
+
+    Examples
+    --------
+    >>> from controllers import BrakeMPC
+    >>> from models import DiscBrake
+    >>> from toolbox import compose
+    >>> planned = BrakeMPC(deceleration=2.5).design(compose(DiscBrake()))
+    >>> print(f"{planned(0.0, [6.0, 0.0]):.0f} N at the first sample, from a disc speed of 6 rad/s and without brake torque")
+    296 N at the first sample, from a disc speed of 6 rad/s and without brake torque
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
@@ -66,7 +76,7 @@ class BrakeMPC(BrakeLaw):
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 
     def design(self, plant: HybridSystem) -> PlannedStop:
-        """Return the controller for this plant as a callable (t, y) -> force with a memory."""
+        """Return the controller for this plant as a callable (t, y) -> force [N] with a memory. y holds disc speed [rad/s] and brake torque [N m]."""
         check_fields(self)
         lag = self.lag
         if lag is None:

@@ -18,8 +18,8 @@ class BrakePI(BrakeLaw):
     The plan of the stop and the limits of the command are described in the base class `controllers.brake_law.BrakeLaw`.
 
     N_p is the planned force of one pad, T the measured brake torque and I the inertia. T / I is the deceleration of the
-    disc, so the integral of e equals w - w_p, the disc speed minus the planned speed. Both speeds are known, so the
-    integral does not drift.
+    disc, so the integral of e equals w - w_p, the disc speed minus the planned speed. The disc speed is measured and
+    the planned speed is computed, so the integral does not drift.
 
     The brake torque follows the command within one sample. The error of one sample therefore acts on the next one, and
     the loop converges only if `proportional` is below 1.

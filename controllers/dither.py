@@ -71,11 +71,12 @@ class LoadDither(Controller):
 class NormalDither(LoadDither):
     """Sinusoidal dither of a normal load with one frequency: load = mean (1 + depth sin(2 pi frequency t)).
 
-    - `load` is the input that is driven (default `bit.weight`). `mean` is its declared value unless given.
-    - With `over` the dither is added to the force that another controller commands: `load` gets depth sin(2 pi
-      frequency t) times the signal `over`.
+    - `load` is the name of the input to which the controller gives the load (default `bit.weight`).
+    - `mean` is by default the declared value of this input.
+    - `over` is the name of a force that another controller commands, such as `brake.force`. The input `load`, such as
+      `brake.disturbance`, is then depth sin(2 pi frequency t) times this force.
 
-    Continuous or sampled.
+    The controller runs continuously or sampled.
 
     Examples
     --------
@@ -91,7 +92,7 @@ class NormalDither(LoadDither):
     frequency: Quantity = quantity(1.0, "Hz", "frequency of the dither", above=0)
 
     def wave(self) -> Any:
-        """Return the wave at the present time, between -1 and 1, as an expression."""
+        """Return the wave, between -1 and 1, as a casadi expression of time."""
         return ca.sin(2.0 * ca.pi * self.frequency * time)
 
     def continuous(self, signal):
@@ -103,9 +104,10 @@ class NormalDither(LoadDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SquareDither(NormalDither):
-    """Square-wave dither of a normal load: +1 in the first half of every period, -1 in the second half.
+    """Square-wave dither of a normal load: mean (1 + depth) in the first half of every period, mean (1 - depth) in the second half.
 
-    Sampled only, so that the jumps are at samples. `toolbox.inputs.square` is the same wave as an input.
+    The fields are the fields of `NormalDither`. The controller runs sampled only, so that the jumps are at samples.
+    `toolbox.inputs.square` is the same wave as an input.
 
     Examples
     --------
@@ -127,9 +129,10 @@ class SquareDither(NormalDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SweptDither(NormalDither):
-    """Sinusoidal dither of a normal load with a varying frequency: f(t) = frequency + frequency_deviation sin(2 pi t / sweep_time).
+    """Sinusoidal dither of a normal load with the varying frequency f(t) = frequency + frequency_deviation sin(2 pi t / sweep_time).
 
-    The frequency varies by `frequency_deviation` above and below `frequency`, with the period `sweep_time`.
+    The frequency varies by `frequency_deviation` above and below `frequency`, with the period `sweep_time`. The other
+    fields are the fields of `NormalDither`.
 
     Examples
     --------
@@ -157,14 +160,14 @@ class SweptDither(NormalDither):
 class PhasedDither(LoadDither):
     """Dither of a normal load in phase with the slip speed: load = mean (1 + depth clip((v - reference) / speed_scale, -1, 1)).
 
-    v is the signal `speed`. The load is higher while the contact slips faster than on average, so friction rises with
-    speed.
+    v is the signal `speed`, and `reference` is its value at the mean slip. The load is higher than `mean` while the
+    contact slips faster than on average, so friction rises with speed.
 
     - `speed_scale` is the deviation of v at which the full depth is reached. It is negative if the slip speed falls
       while v rises. Example: a block on a moving belt, whose slip speed falls while the block moves with the belt.
     - `unit` is by default the unit of the signal `speed` in the plant.
 
-    Continuous or sampled.
+    `load`, `mean` and `over` are the same as for `NormalDither`. The controller runs continuously or sampled.
 
     Examples
     --------
@@ -319,13 +322,14 @@ def dither_map(
     contact, signal
         Names of the contact that is evaluated and of the signal whose amplitude is mapped.
     ratios
-        Frequencies of the alternation as multiples of `natural`.
+        Frequencies of the alternation as multiples of `natural`, shape (n_ratios,).
     depths
-        Amplitudes of the alternation as fractions of `mean`.
+        Amplitudes of the alternation as fractions of `mean`, shape (n_depths,).
     periods
         Length of a run in natural periods.
     other_load
-        Part of the load that another input gives, as with `brake.disturbance`.
+        Part of the load that another input gives [N], by default 0. For the input `brake.disturbance`, for example, it
+        is the constant `brake.force`.
     arguments
         Further arguments of `simulate`, such as `controller` and `start`.
 

@@ -23,20 +23,20 @@ class HInfinity(TorqueLimits):
         u = u_0 + K(s) (1 + integrator_leak / s) (w_top - reference)
         || (T_bit / disturbance_scale, n / speed_noise) -> (w_bit / bit_speed_scale, z / angle_scale, u / torque_scale) || < gamma
 
-    - T_bit is a disturbance of the bit torque, n the error of the measured top speed, u_0 the torque at the operating
-      point.
+    - K(s) is the computed controller. T_bit is a disturbance of the bit torque, n the error of the measured top speed,
+      and u_0 the torque at the operating point.
     - z is the error of the top speed filtered with 1 / (s + integrator_leak). A true integral is not possible here: a
       constant measurement error would make it grow without bound, so no controller would have a finite norm.
-    - K alone leaves a steady speed error under an unknown load. The factor 1 + integrator_leak / s, which is not part
-      of the norm, turns the slowest pole of K into an integrator. It changes nothing at frequencies well above
-      `integrator_leak`.
+    - K without an integrator leaves a steady speed error under an unknown load. The factor 1 + integrator_leak / s,
+      which is not part of the norm, turns the slowest pole of K into an integrator. It changes nothing at frequencies
+      well above `integrator_leak`.
 
     `design` does three steps:
 
     1. It linearises the plant with the bit sliding at `reference`.
     2. It finds the smallest norm that any controller reaches.
-    3. It returns the central controller for `norm_factor` times that norm, because this controller is better
-       conditioned than the optimal one.
+    3. It returns the central controller for `norm_factor` times the smallest norm, because this controller is better
+       conditioned than the controller of the smallest norm.
 
     The states of K are an observer of the string under the worst disturbance. With torque limits the observer uses the
     limited torque, and the integral stops while the torque is limited (anti-windup). In the sampled form states and
@@ -78,7 +78,7 @@ class HInfinity(TorqueLimits):
     gamma: OptionalQuantity = quantity(None, "1", "bound of the norm; filled in by design")
 
     def design(self, plant):
-        """Return the controller designed on the plant. Raises SceneError if no such controller exists."""
+        """Return the controller designed on the plant. Raises SceneError if no controller has a finite norm on this plant."""
         if self.controller_matrices is not None:
             return self
         model, x, u, A = drilling_point(plant, self.reference)

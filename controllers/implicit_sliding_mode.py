@@ -18,17 +18,17 @@ class ImplicitSlidingMode(SlidingSurface):
         u = u_eq + J_r (Om' - d) - J_r eta sgn(s_(k+1))
         d_(k+1) = d_k + adaptation_gain s_k / period      if sgn is inside its clip and the torque inside its limits
 
-    The surface s and the equivalent control u_eq are the surface and the equivalent control of `SlidingMode`, sgn is
-    the set-valued sign, and eta is the field `reaching_rate`.
+    s, u_eq, J_r and Om are the surface, the equivalent control, the inertia of the drive and the set-point, as in
+    `SlidingMode`. sgn is the set-valued sign, and eta is the field `reaching_rate`.
 
     - The controller reaches s = 0 exactly in finitely many samples and then gives the equivalent control. An explicit
-      sign would chatter with eta times the period.
-    - d is an estimate of an acceleration that is missing in the model, for example because of a wrong drag. Without d
-      such an acceleration a leaves s = period a, an error of first order in the period. With d the remaining error
-      depends on the change of a only and is of second order.
+      discretisation of the sign would chatter with the amplitude eta times the period.
+    - d is an estimate of an acceleration that is missing in the model, for example because of a wrong drag. If a is
+      such an acceleration, a controller without d keeps the error s = period a, which is of first order in the period.
+      With d the remaining error depends only on the change of a and is of second order.
     - Om' is the rate of the set-point, from its last two values. Om' and d are limited to eta.
 
-    Sampled only.
+    The controller runs sampled only.
 
     Source: V. Acary, B. Brogliato, Syst. Control Lett. 59 (2010) 284-293 (implicit Euler simulation and discretisation
     of sliding mode systems).

@@ -143,13 +143,17 @@ class Lifting(Controller):
 
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Names of the outputs: the outputs of the inner controller and, with `weight_relief`, the weight on bit."""
+        """Names of the outputs: the outputs of the inner controller `law` and, with `weight_relief`, the weight on bit."""
         return self.law.actuated_signals if self.weight_relief is None else (*self.law.actuated_signals, "bit.weight")
 
     def design(self, plant: HybridSystem) -> Controller:
-        """Return the controller with inner controller and observer designed on the plant.
+        """Return the controller with its inner controller `law` and its observer designed on the plant.
 
-        The period and the impedance of the string and the weight are read from the plant, if they are not given.
+        Fields that are None are computed from the plant:
+
+        - `string_period`: natural period of the string below a drive that does not swing [s];
+        - `string_impedance`: torsional impedance of the string [N m s/rad];
+        - `weight`, with `weight_relief`: declared weight on bit [N].
         """
         filled: dict[str, Any] = {}
         if self.string_period is None or self.string_impedance is None:

@@ -25,7 +25,8 @@ class LinearMPC(Predictive):
             + (e_N, u_(N-1) - u_s)' P (...),      e_k = x_k - x_s
 
     - x are the states of the string, u the torques of the drive and N the `horizon`. In every sample the controller
-      plans N torques and applies the first one.
+      plans N torques and applies the first of them.
+    - A, B and E are the matrices of the string, discretised with the sample time `period`.
     - A contains the slope of the rock torque at `reference`. T is the remaining torque of the rock: it is estimated and
       assumed constant over the horizon.
     - (x_s, u_s) is the steady state at `reference` under the estimated T. A constant unknown torque therefore leaves no
@@ -37,17 +38,26 @@ class LinearMPC(Predictive):
     The states are eliminated, so the quadratic program has `horizon` unknowns and constant matrices.
 
     `torque_process_noise` is the intensity with which T may vary. T varies little, because the slope of the rock is in
-    A. A larger value makes the filter faster and passes noise to the bit, which destabilises it at low speed. A smaller
-    value makes the filter late at the release of a stuck bit.
+    A. With a value above the default the filter is faster, but it passes noise to the bit, which destabilises the bit
+    at low speed. With a value below the default the filter reacts late to the release of a stuck bit.
 
     Limits, sensors, delay and the fallback to a soft drive are described in the base class
-    `controllers.predictive.Predictive`. Sampled only, with the sample time `period`.
+    `controllers.predictive.Predictive`. The controller runs sampled only, with the sample time `period`.
 
     A stuck bit cannot trap the controller: the estimate of T follows the torque of the string, and the plan winds the
     string up further.
 
     Source: J. B. Rawlings, D. Q. Mayne, M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and
     5.
+
+    Examples
+    --------
+    >>> from controllers import LinearMPC
+    >>> from toolbox import Sampled
+    >>> law = LinearMPC(reference="60 rpm", horizon=20)
+    >>> controller = Sampled(law, law.period)
+    >>> print(f"{law.horizon} torques are planned every {controller.period} s, over {law.horizon * law.period:.1f} s")
+    20 torques are planned every 0.1 s, over 2.0 s
     """
 
     torque_process_noise: Quantity = quantity(
@@ -55,7 +65,9 @@ class LinearMPC(Predictive):
     )
 
     def design(self, plant: HybridSystem) -> PlannedLinear:
-        """Return the controller for this plant as a callable (t, y) -> torque with a memory."""
+        """Return the controller for this plant as a callable (t, y) -> torque [N m] with a memory. y holds the measured
+        signals and, optionally, the present torque [N m] and the set-point [rad/s].
+        """
         return PlannedLinear(self, without_actuators(plant))
 
 

@@ -15,11 +15,11 @@ class LQG(LQR):
     """LQG control of the top drive: the state feedback of `LQR` on states that a Kalman filter estimates from the top speed.
 
     `design` returns `StringObserverController(LQR, Kalman)`. The estimates are recorded as `estimate.bit.speed`,
-    `estimate.bit.torque` and so on. `delay_samples` is the number of samples by which commands reach the drive later.
+    `estimate.bit.torque` and so on. `delay_samples` is the delay of the commands on their way to the drive, in samples.
 
     Without rock and torque limits the poles of the loop are the poles of the regulator and the poles of the filter
-    (separation principle). With a rock the filter knows less than the regulator was designed on, so the separation is
-    not exact.
+    (separation principle). With a rock the separation is not exact: the regulator is designed on the string with the
+    rock, but the filter only on the string, with the bit torque as a random walk.
 
     Examples
     --------
@@ -46,7 +46,7 @@ class LQG(LQR):
     drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "intensity of the white noise of the drive torque", at_least=0)
 
     def design(self, plant):
-        """Return the regulator on the estimates of the Kalman filter, both designed on the plant."""
+        """Return the controller that consists of the regulator and the Kalman filter, both designed on the plant."""
         regulator = LQR(
             reference=self.reference, top_speed_scale=self.top_speed_scale, bit_speed_scale=self.bit_speed_scale, angle_scale=self.angle_scale,
             torque_scale=self.torque_scale, tracking_time=self.tracking_time, states=self.states, units=self.units, gain=self.gain,

@@ -23,15 +23,19 @@ class LQR(TorqueLimits):
         K, K_i minimise  int (w_top - reference)^2 / top_speed_scale^2 + (w_bit - reference)^2 / bit_speed_scale^2
                              + z^2 / angle_scale^2 + (u - u_0)^2 / torque_scale^2  dt
 
-    The scales follow Bryson's rule: deviations of one scale each cost the same (A. E. Bryson, Y.-C. Ho, Applied Optimal
-    Control, 1975).
+    w_top and w_bit are the speeds of top and bit, u the torque of the drive, x the states of the string and z the
+    integral of the error of the top speed.
+
+    The scales follow Bryson's rule: a deviation by one scale costs the same for every quantity (A. E. Bryson, Y.-C. Ho,
+    Applied Optimal Control, 1975).
 
     `design` linearises the plant with the bit sliding at `reference`. This operating point gives x_0 and u_0, and the
     Riccati equation (scipy) gives K. If the set-point changes, x_0 and u_0 change with it by `operating_point_slope`
     per rad/s.
 
     Torque limits: if they are given, z has anti-windup by back-calculation. The term (wanted - command) / (K_i
-    tracking_time) is added to z'. In the sampled form this time is at least one period.
+    tracking_time) is added to z', with the torque u before and after the limits, wanted and command. In the sampled
+    form the tracking time is at least one sample time.
 
     Start: in the sampled form z is initialised so that the first command equals the present torque (bumpless start,
     `controllers.bumpless`).
@@ -71,7 +75,9 @@ class LQR(TorqueLimits):
     operating_point_slope: OptionalQuantities = quantity(None, "1", "change of x_0 and u_0 per rad/s of set-point; filled in by design")
 
     def design(self, plant):
-        """Return the controller with gain and operating point of the plant, if they are not given."""
+        """Return the controller with the gain and the operating point that are computed on the plant. If `gain` is
+        given, return the controller itself.
+        """
         if self.gain is not None:
             return self
         from scipy.linalg import solve_continuous_are

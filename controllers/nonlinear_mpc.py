@@ -55,16 +55,27 @@ class NonlinearMPC(Predictive):
 
     - After the bit has turned for three samples, `RockFilter` estimates the factor together with the states. The factor
       may vary by `strength_process_noise` in one second.
-    - Before that, it follows the torque that the linear filter estimates, with the time constant `rock_strength_time`.
-    - At rest it follows from the largest torque that the rock has held, increased by the fraction
+    - Before these three samples, the factor follows the torque that the linear filter estimates, with the time constant
+      `rock_strength_time`.
+    - At rest the factor follows from the largest torque that the rock has held, increased by the fraction
       `holding_torque_margin`.
 
     Limits, sensors, delay and the fallback to a soft drive are described in the base class
-    `controllers.predictive.Predictive`. Sampled only, with the sample time `period`.
+    `controllers.predictive.Predictive`. The controller runs sampled only, with the sample time `period`.
 
-    Range of validity: horizons of a few seconds. Much longer plans have local minima in which the bit sticks.
+    Range of validity: horizons of a few seconds. With much longer horizons the cost has local minima in which the bit
+    sticks.
 
     Source: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736 (the iteration).
+
+    Examples
+    --------
+    >>> from controllers import NonlinearMPC
+    >>> from toolbox import Sampled
+    >>> law = NonlinearMPC(reference="60 rpm", horizon=20)
+    >>> controller = Sampled(law, law.period)
+    >>> print(f"{law.horizon} torques are planned every {controller.period} s, over {law.horizon * law.period:.1f} s")
+    20 torques are planned every 0.1 s, over 2.0 s
     """
 
     drive_process_noise: Quantity = quantity(50.0, "N m s^1/2", "intensity of the white noise of the drive torque", at_least=0)
@@ -96,7 +107,9 @@ class NonlinearMPC(Predictive):
             )
 
     def design(self, plant: HybridSystem) -> PlannedNonlinear:
-        """Return the controller for this plant as a callable (t, y) -> torque with a memory."""
+        """Return the controller for this plant as a callable (t, y) -> torque [N m] with a memory. y holds the measured
+        signals and, optionally, the present torque [N m] and the set-point [rad/s].
+        """
         return PlannedNonlinear(self, without_actuators(plant))
 
 

@@ -17,16 +17,16 @@ class StringObserverController(ObserverBasedController):
 
     It is `toolbox.modelling.ObserverBasedController` with two additions:
 
-    - Delay compensation (Smith predictor). If commands reach the plant `delay_samples` samples later, the estimates are
-      predicted to that time with the commands that are still delayed. The controller then acts on the state of the
-      string when its command arrives. Its own loop has no delay, apart from model errors. The recorded estimates are
-      the predicted ones.
+    - Delay compensation (Smith predictor). `delay_samples` is the delay of the commands on their way to the plant, in
+      samples. The observer predicts its estimates over this delay, with the commands that have not arrived yet. The
+      controller therefore acts on the state that the string will have when the command arrives, as if there were no
+      delay (apart from model errors). The recorded estimates are the predicted estimates.
     - Bumpless start. At its first sample the observer begins with steady rotation at the measured speed under the
-      present torque. The delayed commands begin at this torque. `ObserverBasedController` would begin with a stuck bit and an
-      untwisted string, and this disturbs the drive for some seconds. A string at rest starts as with `ObserverBasedController` (see
-      `controllers.bumpless`).
+      present torque. The delayed commands begin at this torque. `ObserverBasedController` would begin with a stuck bit
+      and an untwisted string, which would disturb the drive for some seconds. A string at rest starts as with
+      `ObserverBasedController` (see `controllers.bumpless`).
 
-    With any other observer it acts like `ObserverBasedController`.
+    With an observer that is no `StringObserver` the class acts like `ObserverBasedController`.
 
     Source: O. J. M. Smith, Chem. Eng. Progress 53 (1957) 217-219 (delay compensation).
 

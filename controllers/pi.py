@@ -21,12 +21,14 @@ class PI(TorqueLimits):
         u_k = proportional e_k + integral z_k,   z_(k+1) = z_k + period e_k
 
     Torque limits: if they are given, z has anti-windup by back-calculation with the time constant proportional /
-    integral, or one period if the period is longer:
+    integral, or the sample time if the sample time is longer:
 
         z' = e + (command - wanted) / max(proportional, period integral)
 
+    wanted is the torque u before the limits, command the torque after the limits.
+
     Start: in the sampled form z is initialised so that the first command equals the present torque (bumpless start,
-    `controllers.bumpless`). It begins at 0 if there is no present torque.
+    `controllers.bumpless`). If there is no present torque, z begins at 0.
 
     Examples
     --------
@@ -44,12 +46,12 @@ class PI(TorqueLimits):
 
     @classmethod
     def placed(cls, inertia: float, frequency: float, damping: float = 0.7, **others: Any) -> PI:
-        """Return the controller that gives an inertia alone the poles of s^2 + 2 damping om s + om^2.
+        """Return the controller with which an inertia without string has the poles of s^2 + 2 damping om s + om^2.
 
             proportional = 2 damping om J,     integral = om^2 J
 
-        A viscous drag of the drive has the same effect as `proportional`. If it matters, subtract the drag from
-        `proportional`.
+        A viscous drag of the drive has the same effect as `proportional`. If the drag is not negligible, subtract it
+        from `proportional`.
 
         Source: textbook (K. J. Åström, T. Hägglund, Advanced PID Control, ISA 2006).
 
@@ -95,10 +97,10 @@ class PI(TorqueLimits):
 
 @dataclass(frozen=True)
 class StiffPI(PI):
-    """PI control of the top-drive speed with the high gains of common drives: it holds the speed and reflects torsional waves.
+    """PI control of the top-drive speed with the high gains of common drives. The drive holds its speed and reflects torsional waves.
 
-    The gains suit a two-inertia drill string with a rotary table of 2122 kg m2. With them the string typically shows
-    stick-slip.
+    The gains are chosen for a drill string of two inertias with a rotary table of 2122 kg m2. With these gains the
+    string typically sticks and slips.
 
     Examples
     --------

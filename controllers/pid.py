@@ -30,12 +30,12 @@ class PID(Controller):
     `block.speed`; the field `reference` is its default. So `onset`, maps and sweeps can vary the set-point.
 
     Anti-windup: if a limit is given, the excess clip(u) - u is fed back to the integral with the time constant
-    proportional / integral, or one period if the period is longer (back-calculation).
+    proportional / integral, or with the sample time if the sample time is longer (back-calculation).
 
     Start: the integral begins at 0. The filter of the derivative begins at 0 in the continuous form, at the first
     measurement in the sampled form.
 
-    A lead-lag element, state feedback or any other linear controller on any signals: `toolbox.from_control`.
+    For a lead-lag element, state feedback or any other linear controller on any signals use `toolbox.from_control`.
 
     Source: K. J. Åström, T. Hägglund, Advanced PID Control, ISA 2006, chapter 3.
 
@@ -93,7 +93,7 @@ class PID(Controller):
 
     @property
     def signal_limits(self) -> dict[str, tuple[Any, Any]]:
-        """The limits of the actuated signal {signal: (lowest, highest)}, None if there is none, for figures of it."""
+        """Limits of the actuated signal, as {signal: (lowest, highest)}. None means no limit. Figures of a run draw these limits."""
         return {self.actuated_signals[0]: (self.lowest, self.highest)}
 
     def continuous(self, signal):

@@ -126,7 +126,7 @@ class SlidingMode(SlidingSurface):
     - lam is the field `surface_gain`, eta the field `reaching_rate`.
     - The inertia J_r and the drag c_r of the drive are read from the plant, if they are not given.
 
-    Continuous or sampled.
+    The controller runs continuously or sampled.
 
     Examples
     --------
@@ -169,17 +169,17 @@ class SlidingMode(SlidingSurface):
 
 @dataclass(frozen=True)
 class IdealSlidingMode(SlidingSurface):
-    """Ideal sliding-mode control: the sign function is a set-valued relay, so that s = 0 to round-off, without chatter.
+    """Ideal sliding-mode control of the top drive: the sign function is a set-valued relay, so that s = 0 to round-off, without chatter.
 
         u = u_eq - J_r eta sgn(s),   s = (w_r - Om) + lam int (w_r - Om) dt + lam int (w_r - w_b) dt
 
-    w_r is the top speed, w_b the bit speed and Om the set-point. u_eq is the equivalent control of the model, lam the
-    field `surface_gain`, eta the field `reaching_rate`.
+    w_r is the top speed, w_b the bit speed and Om the set-point. u_eq is the equivalent control (see `SlidingMode`),
+    J_r the inertia of the drive, lam the field `surface_gain`, and eta the field `reaching_rate`.
 
     The relay is the contact `slidingmode`. In its mode "stick" the surface s = 0 has been reached. The force of the
     contact is then the torque that must be added to u_eq to stay on the surface.
 
-    Continuous only, and without torque limits.
+    The controller runs continuously only, and without torque limits.
 
     Examples
     --------

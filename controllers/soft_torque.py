@@ -20,7 +20,7 @@ class SoftTorque(TorqueLimits):
     drive. `design` reads them from `chain.inertia` and `chain.stiffness` of the plant and returns a `PI` with these
     gains.
 
-    Both gains are divided by `detuning`.
+    Both gains are divided by `detuning`, by default 1.
 
     Sources: J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668, and U. J. F. Aarsnes, F. Di Meglio, R. J.
     Shor, J. Sound Vib. 424 (2018) (matching condition, for lumped strings).
@@ -42,8 +42,9 @@ class SoftTorque(TorqueLimits):
     def for_string(string_impedance: float, inertia: float, frequency: float, reference: float = 8.0, **limits: Any) -> PI:
         """Return the PI controller for a distributed string: proportional = 4 zeta, integral = (2 pi f)^2 J.
 
-        At the frequency f the integral term cancels the inertia of the drive. The impedance of the drive is then 4
-        zeta, and it reflects the fraction |r| = 3/5 of a wave. At the harmonics of f it reflects less.
+        At the frequency f the integral term cancels the inertia of the drive. The impedance of the drive at f is
+        therefore 4 zeta, and the drive reflects the fraction |r| = 3/5 of a wave. At all other frequencies it reflects
+        a larger fraction.
 
         Source: U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018).
 

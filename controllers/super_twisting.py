@@ -29,11 +29,12 @@ class SuperTwisting(SlidingSurface):
         u = u_eq - J_r (1.5 L^(1/2) |s|^(1/2) sgn(s) - v),   v' = -1.1 L sgn(s)
 
     w_r is the top speed, w_b the bit speed and Om the set-point. The surface s and the equivalent control u_eq are the
-    same as in `SlidingMode`. lam is the field `surface_gain`. L is the field `disturbance_rate`: the controller rejects
-    disturbances whose rate is below L. The field `reaching_rate` is not used.
+    same as in `SlidingMode`. J_r is the inertia of the drive, lam the field `surface_gain`, and L the field
+    `disturbance_rate`: the controller rejects disturbances of the acceleration whose rate of change is below L. The
+    field `reaching_rate` is not used.
 
     If torque limits are given, the integral of the surface takes up the torque that the drive cannot give
-    (anti-windup). Sampled only.
+    (anti-windup). The controller runs sampled only.
 
     Source: A. Levant, Int. J. Control 58 (1993) 1247-1263 (gains and form).
 
@@ -75,8 +76,8 @@ class ImpedanceSuperTwisting(SuperTwisting):
         s = (w_r - Om) + surface_gain int (w_r - Om) dt + tau / Z,   u_eq = c_r w_r + tau - J_r surface_gain (w_r - Om)
 
     w_r is the top speed, Om the set-point and tau the torque of the string on the drive. On the surface s = 0 the
-    string torque obeys tau = -Z (w_r - Om) - surface_gain Z int (w_r - Om) dt. The rate of tau divided by Z is the
-    disturbance of the control.
+    string torque obeys tau = -Z (w_r - Om) - surface_gain Z int (w_r - Om) dt. The rate of change of tau, divided by Z,
+    acts as the disturbance of the control. J_r and c_r are inertia and drag of the drive.
 
     - `impedance` Z is by default sqrt(k J_b) of the chain: k is the stiffness of all springs in series and J_b the
       inertia below the drive.
@@ -119,6 +120,11 @@ class ImpedanceSuperTwisting(SuperTwisting):
             Function that returns the expression of a signal.
         angle
             Integral of the speed error [rad].
+
+        Returns
+        -------
+        rate, surface, equivalent
+            Casadi expressions [rad/s], [rad/s] and [N m].
         """
         top, load = signal("top.speed", "rad/s"), signal("top.load", "N m")
         error = top - signal("top.reference", "rad/s", default=self.reference)

@@ -38,11 +38,14 @@ class ZTorque(TorqueLimits):
     - P = zeta minus the drag of the drive;
     - I = zeta sqrt(k / J_b) / 5.
 
-    Torque limits: if they are given, z has anti-windup by back-calculation, with the term (command - wanted) / zeta.
+    Torque limits: if they are given, z has anti-windup by back-calculation, with the term (command - wanted) /
+    `back_calculation`. `design` sets `back_calculation` to zeta. wanted is the torque u before the limits, command the
+    torque after the limits.
 
-    Sampled form: the filter makes one Euler step per sample. It would be unstable for periods above 2 T_f, so such
-    sample times raise an error. f begins at the measured speed, and z is initialised so that the first command equals
-    the present torque (bumpless start, `controllers.bumpless`). Both begin at 0 if there is no present torque.
+    Sampled form: the filter makes one Euler step per sample. This filter would be unstable for sample times above 2
+    T_f, so such sample times raise an error. f begins at the measured speed, and z is initialised so that the first
+    command equals the present torque (bumpless start, `controllers.bumpless`). If there is no present torque, f and z
+    begin at 0.
 
     Source: U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018) (impedance matching).
 

@@ -39,7 +39,7 @@ class AxialChain(Component):
 
     Source: textbook.
 
-    The defaults are chosen: they have the size of a 1000 m string on ten lines.
+    The default values are examples without a source: they have the size of a 1000 m string on ten lines.
 
     Examples
     --------

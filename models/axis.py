@@ -50,14 +50,15 @@ class Axis(Component):
     F is the force, F_0 a constant force (an offset of the sensor or the amplifier, or a weight) and R the friction.
     `identify` uses this plant for recordings in m and N.
 
-    - Needs the signal `axis.force` F [N] (default 0). If `has_load` is True, the axis also needs `axis.load` P [N] (default
-      0), and R is multiplied by 1 + q |P|.
+    - Needs the signal `axis.force` F [N] (default 0). If `has_load` is True, the axis also needs `axis.load` P [N]
+      (default 0), and R is multiplied by 1 + q |P|, with q the field `load_sensitivity`.
     - Gives the signals `axis.position` [m], `axis.speed` v [m/s] and `axis.resistance` [N], the force R + F_0 at steady
       speed. If `has_speed_filter` is True, it also gives `axis.filtered_speed` [m/s], the speed after the filter of a
       recorder.
     - Contact: `rail`.
 
-    All numbers are chosen. `models.axis` contains the equations and their source.
+    The default values are examples without a source. Source of the equation: textbook, in the form of A. Janot, P.-O.
+    Vandanjon, M. Gautier, Control Eng. Practice 21 (2013) 1191-1204.
 
     Examples
     --------
@@ -85,16 +86,18 @@ class Axis(Component):
 class Joint(Component):
     """Joint that rotates under a torque, with dry and viscous friction.
 
-    It has the equation of `Axis` with torques and angles. `identify` uses this plant for recordings in rad and N m.
+    The equation is the equation of `Axis` with torques and angles in place of forces and positions. `identify` uses
+    this plant for recordings in rad and N m.
 
-    - Needs the signal `joint.torque` [N m] (default 0). If `has_load` is True, the joint also needs `joint.load` [N m]
-      (default 0).
-    - Gives the signals `joint.angle` [rad], `joint.speed` [rad/s] and `joint.resistance` [N m], the torque at steady
-      speed. If `has_speed_filter` is True, it also gives `joint.filtered_speed` [rad/s], the speed after the filter of a
-      recorder.
+    - Needs the signal `joint.torque` [N m] (default 0). If `has_load` is True, the joint also needs `joint.load` P [N
+      m] (default 0), and the friction is multiplied by 1 + q |P|, with q the field `load_sensitivity`.
+    - Gives the signals `joint.angle` [rad], `joint.speed` [rad/s] and `joint.resistance` [N m], the torque that keeps
+      the speed constant. If `has_speed_filter` is True, it also gives `joint.filtered_speed` [rad/s], the speed after
+      the filter of a recorder.
     - Contact: `bearing`.
 
-    All numbers are chosen. `models.axis` contains the equations and their source.
+    The default values are examples without a source. Source of the equation: textbook, in the form of A. Janot, P.-O.
+    Vandanjon, M. Gautier, Control Eng. Practice 21 (2013) 1191-1204.
 
     Examples
     --------

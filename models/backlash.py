@@ -22,7 +22,7 @@ class BacklashDrive(Component):
     The input is the force P on the first body, `driver.force` [N]. F1 and F2 are the frictions of the bodies, N+ and N-
     the contact forces at both sides of the gap.
 
-    All numbers are chosen.
+    The default values are examples without a source.
 
     Examples
     --------

@@ -59,8 +59,9 @@ class BandBrake(Component):
     - Gives the signals `drum.angle` [rad], `drum.speed` [rad/s].
     - Contact: `band`, with the speed of the drum surface under the band as slip [m/s].
 
-    Range of validity: a band without mass and elasticity, which therefore does not groan by itself. The numbers are
-    chosen for the drum of a small winch. `models.band_brake` contains the source.
+    Range of validity: a band without mass and elasticity, which therefore does not groan by itself. The default values
+    are examples that represent the drum of a small winch. Source of the equations: textbook (R. Limpert, Brake Design
+    and Safety, SAE).
 
     Examples
     --------

@@ -31,13 +31,13 @@ class OscillatorOnBar(Component):
     The energy of the bar is computed in the frame of its clamps.
 
     This model is a reconstruction after Hong et al. (oscillator on a clamped-clamped axial bar). Only their statement
-    about the two periods was available. The defaults are chosen.
+    about the two periods of the motion was available. The default values are examples without a source.
 
     Range of validity:
 
     - small strain;
-    - travel much shorter than the bar, because the contact keeps its place on the bar;
-    - periods longer than the period of the highest mode. A mode with a node at the contact never moves.
+    - motion of the mass much shorter than the bar, because the contact stays at one point of the bar;
+    - periods longer than the period of the highest mode. A mode that has a node at the contact never moves.
 
     Examples
     --------

@@ -51,7 +51,7 @@ class BlockOnBelt(Component):
     F is the dry friction of the belt on the block. It depends on the slip speed v - v_belt.
 
     - Needs the signals `block.force` u [N] (default 0), `block.load` [N] (default: the field `load`) and
-      `block.attachment` a [N] (default 0), the force of an attached part. Give an alternating load as the input
+      `block.attachment` a [N] (default 0), the force of an attached part. To vary the load in time, give the input
       `block.load`.
     - Gives the signals `block.position` x [m], `block.speed` v [m/s].
     - Contact: `belt`.
@@ -104,11 +104,11 @@ class GuideContact(Component):
     - Gives the signals `guide.drag` -F [N] and `block.attachment` a [N].
     - Contact: `guide`.
 
-    If the block is also on a belt, one of the two friction laws must be a law with memory, such as `Dahl` or `LuGre`.
-    Two dry frictions of one block raise an error, because their shares of the force that holds the block are not
-    determined.
+    If the block is also on a belt, one of the two friction laws must be a law with memory, such as `Dahl` or `LuGre`. A
+    block with two dry frictions raises an error, because it is not determined which friction holds which part of the
+    force at rest.
 
-    All numbers are chosen.
+    The default values are examples without a source.
 
     Source: textbook.
 
@@ -148,8 +148,8 @@ class BlocksOnBelt(Component):
     - Gives the signals `blocks.position` x (n) [m] and `blocks.speed` v (n) [m/s].
     - Contacts: `belt.i`.
 
-    Two equal blocks with equal start values move like one block alone. The defaults are chosen: two of Leine's blocks,
-    the second 20 % heavier, with a soft spring between them.
+    Two equal blocks with equal start values move like one block alone. The default values are examples: two blocks of
+    Leine et al. (see `BlockOnBelt`), the second block 20 % heavier than the first, with a soft spring between them.
 
     Examples
     --------
@@ -196,18 +196,18 @@ class BlocksOnBelt(Component):
 class Absorber(Component):
     """Dynamic vibration absorber on a block: m_a w' = k_a (x - y) + c_a (v - w).
 
-    x and v are position and speed of the block, y and w of the absorber mass. The equal and opposite force acts on the
-    block.
+    x and v are position and speed of the block, y and w are position and speed of the absorber mass. The force of
+    spring and damper acts on the block with the opposite sign.
 
     - Needs the signals `block.position` x [m] and `block.speed` v [m/s].
     - Gives the signals `absorber.position` y [m], `absorber.speed` w [m/s] and `block.attachment` [N].
     - With `attached_to="pad"` it is attached to the pads of a `DiscBrake` and uses the signals of the pads in place of
       the signals of the block.
 
-    `Absorber.tuned` returns the absorber with which a block stays stable under the largest negative damping.
+    `Absorber.tuned` returns an absorber with which a block stays at rest under large negative damping.
 
     This model is a reconstruction. Maegawa and Itoigawa studied an oscillator on an elastic foundation with an
-    absorber, but their full paper was not available. Defaults: tuned to a block of 1 kg on a spring of 1 N/m.
+    absorber, but their full paper was not available. The default values fit a block of 1 kg on a spring of 1 N/m.
 
     Examples
     --------
@@ -233,8 +233,8 @@ class Absorber(Component):
         together.
 
         Another absorber of the same mass can tolerate at most sqrt((1 + e)(1 - 1 / sqrt(1 + e)) / 2). This limit is
-        larger by a factor of 1 + e / 8 to first order. But such an absorber is stable only in a narrow range near the
-        limit, not for all smaller negative damping.
+        larger than sqrt(e) / 2 by the factor 1 + e / 8 to first order. But with an absorber that reaches this limit the
+        block is stable only in a narrow range of negative damping near the limit, not for all smaller values.
 
         Parameters
         ----------
@@ -264,12 +264,17 @@ class Absorber(Component):
     def max_negative_damping(mass_ratio: float) -> float:
         """Return the largest negative damping ratio at which `Absorber.tuned(block, e)` keeps a block at rest: sqrt(e) / 2.
 
-        For a block on a belt, sliding is stable while -N mu'(v_belt) - c < 2 m w_n times this value.
+        For a block on a belt, sliding is stable while -N mu'(v_belt) - c < 2 m w_n times the result.
 
         Parameters
         ----------
         mass_ratio
             Mass of the absorber as a fraction e of the mass of the block.
+
+        Returns
+        -------
+        float
+            The damping ratio [1], as a positive number.
 
         Raises
         ------

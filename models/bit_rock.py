@@ -16,7 +16,7 @@ class BitRock(Component):
     - Gives the signal `bit.torque` T [N m].
     - Contact: `bit`.
 
-    The viscous drag of the bit belongs to the chain.
+    The viscous drag of the bit is a field of the chain (`TorsionalChain.bit_drag`).
 
     The defaults are mu_c = 0.5, mu_s = 0.8, gamma = 0.9 and v_f = 1 rad/s, so decay = gamma / v_f = 0.9 s/rad.
 

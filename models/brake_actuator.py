@@ -28,10 +28,10 @@ class BrakeActuator(Component):
       `piston_area`, `actuator.pressure` p [Pa] (default 0).
     - Gives the signals `brake.force` n [N] and, with a `piston_area`, `brake.pressure` n / A [Pa].
 
-    A limit that is None does not exist.
+    If `highest_force` or `rate_limit` is None, the actuator has no such limit.
 
-    Range of validity: a single lag represents valves, line and caliper. All numbers are chosen: 10 ms and 20 kN/s
-    (about 90 bar/s) are typical of a fast hydraulic unit.
+    Range of validity: a single lag represents valves, line and caliper. The default values are examples: 10 ms and 20
+    kN/s (about 90 bar/s) are typical of a fast hydraulic unit.
 
     Examples
     --------
@@ -50,12 +50,14 @@ class BrakeActuator(Component):
 
     @property
     def redirected_signals(self):
-        """Signals that the actuator redirects: controllers that give `brake.force` are connected to `actuator.command`."""
+        """{"brake.force": "actuator.command"}: a controller that gives `brake.force` gives `actuator.command` instead."""
         return {"brake.force": f"{self.name or 'actuator'}.command"}
 
     @property
     def signal_limits(self):
-        """Limits of the force as {signal: (lowest, highest)}, for figures."""
+        """Physical limits of the delivered force, as {"brake.force": (0, highest force)} [N]. None means no limit.
+        Figures of a run draw these limits.
+        """
         return {"brake.force": (0.0, self.highest_force)}
 
     def equations(self, signal):

@@ -21,7 +21,7 @@ from toolbox.modelling import OptionalQuantities, Relay
 
 
 def parabolic_shares(n: int) -> tuple[float, ...]:
-    """Compute the fractions of the load that equal strips of a rounded (parabolic) contact carry.
+    """Compute the fractions of the load that strips of equal width of a rounded (parabolic) contact carry.
 
     The fractions are in order across the contact and add up to 1. The pressure 3/4 (1 - s^2), -1 <= s <= 1, is
     integrated over each strip. Source: textbook, Winkler foundation under a parabolic punch.
@@ -86,13 +86,14 @@ class BristleContact(Component):
 
     Range of validity:
 
-    - A varying load must stay above 0. If it falls by more than 1e4 of its value per second, a bristle may be left
-      "beyond" its bound.
-    - There is one coefficient mu. A bristle without inertia would jump from a static to a lower kinetic bound.
+    - A varying load must stay above 0. If it falls by more than 1e4 of its value per second, the spring force of a
+      bristle may stay above its bound (mode "beyond").
+    - Static and kinetic friction have the same coefficient mu. With a lower kinetic coefficient, a bristle without
+      inertia would jump.
 
     Source: textbook (Jenkins element, Iwan model).
 
-    The stiffness is an assumption.
+    The default stiffness is an assumption.
 
     Examples
     --------

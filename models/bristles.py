@@ -56,14 +56,14 @@ class Dahl(Bristle):
     """Dahl friction: a spring that yields, F = -N s z, z' = v - |v| s z / mu.
 
     v is the slip speed, z the deflection of the spring and s its stiffness per unit of load. From rest the force
-    depends only on the distance d: |F| = mu N (1 - exp(-s d / mu)). There is no break-away force above mu N, so this
-    friction law does not cause stick-slip.
+    depends only on the distance d: |F| = mu N (1 - exp(-s d / mu)). The break-away force is not higher than the kinetic
+    friction mu N, so this friction law does not cause stick-slip.
 
     Range of validity: any speed.
 
     Source: P. R. Dahl (1968), with the exponent 1.
 
-    Defaults: chosen.
+    The default values are examples without a source.
 
     Examples
     --------
@@ -92,12 +92,14 @@ class LuGre(Bristle):
     v is the slip speed and z the deflection of the bristle.
 
     - At steady sliding |F| = N (g(|v|) + s2 |v|).
-    - |s0 z| never exceeds the static coefficient if it begins below it.
+    - |s0 z| never exceeds the static coefficient if its start value is below the static coefficient.
     - The dissipated power is a quadratic form in z and v. It is never negative while |v| <= 4 g(|v|) (s1 + s2) / s1^2.
-      Above this speed a constant s1 can return more energy than it took.
-    - Under a slow pull the break-away force is close to the static bound. The faster the pull, the lower the peak.
+      Above this speed the bristle can return more energy than it has taken, because s1 is constant.
+    - Under a slow pull the break-away force is close to the static bound. The faster the force rises, the lower is the
+      break-away force.
 
-    The defaults are chosen: they have the size of Leine's block.
+    s0, s1 and s2 are the fields `stiffness`, `damping` and `viscous`. The default values are examples of the size of
+    the block of Leine et al. (`BlockOnBelt`).
 
     Source: C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, IEEE Trans. Automatic Control 40 (1995) 419-425.
 
@@ -119,9 +121,10 @@ class LuGre(Bristle):
 
 @dataclass(frozen=True)
 class Dankowicz(Bristle):
-    """Friction of asperities that bend by at most z_m: F = -N mu(|v|) z / z_m, z' = v - |v| z / z_m.
+    """Dankowicz friction, of asperities that bend by at most z_m: F = -N mu(|v|) z / z_m, z' = v - |v| z / z_m.
 
-    v is the slip speed, z the bending of the asperities and mu the friction law `steady`.
+    v is the slip speed, z the bending of the asperities, z_m the field `presliding_displacement` and mu the friction
+    law `steady`.
 
     - The bending depends only on the distance d. From rest it is z = z_m (1 - exp(-d / z_m)).
     - The force depends on the bending and on the present speed. After sliding by a few z_m in one direction, |F| = N
@@ -129,8 +132,8 @@ class Dankowicz(Bristle):
     - The model stores no energy. When the motion reverses, z and v have opposite signs for a short distance, and the
       contact then drives the motion.
 
-    This law is a reconstruction. In the source the separation of the surfaces is coupled to the slip. Here a friction
-    law replaces this coupling. Defaults: chosen.
+    This law is a reconstruction. In the source the separation of the surfaces is coupled to the slip. Here the friction
+    law `steady` replaces this coupling. The default values are examples without a source.
 
     Source: H. Dankowicz, ZAMM 79 (1999) 399-409.
 

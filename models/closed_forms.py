@@ -28,7 +28,8 @@ def belt_cycle(block: BlockOnBelt) -> StickSlipPeriod:
 
         z = N (mu_s - mu_k) w_n / (k v),   t_slip = (2 / w_n)(pi - arctan z),   t_stick = 2 z / w_n,   w_n = sqrt(k / m)
 
-    Exact. Source: textbook.
+    N is the load, v the belt speed, mu_s and mu_k the static and kinetic coefficients, k and m stiffness and mass. The
+    result is exact. Source: textbook.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ def belt_cycle(block: BlockOnBelt) -> StickSlipPeriod:
     Raises
     ------
     SceneError
-        If the friction law is another, there is damping, drag or no spring, or the belt is at rest.
+        If the friction law is not `Coulomb`, there is damping, drag or no spring, or the belt is at rest.
 
     Examples
     --------
@@ -64,7 +65,9 @@ def driven_disks_cycle(disks: TwoDisks, rotor_speed: float) -> StickSlipPeriod:
 
         z = (T_s - T_k) w_n / (k_t W),   t_slip = (2 / w_n)(pi - arctan z),   t_stick = 2 z / w_n,   w_n = sqrt(k_t / I_2)
 
-    Hence period / T_n = 1 + (z - arctan z) / pi. Exact for an infinitely heavy rotor.
+    T_s and T_k are the static and kinetic friction torques, k_t and I_2 stiffness and inertia of the stator. The cycle
+    lasts T_n (1 + (z - arctan z) / pi), with the natural period T_n of the stator. The result is exact for an
+    infinitely heavy rotor.
 
     Parameters
     ----------
@@ -81,7 +84,7 @@ def driven_disks_cycle(disks: TwoDisks, rotor_speed: float) -> StickSlipPeriod:
     Raises
     ------
     SceneError
-        If the friction law is another, there is damping or no spring, or the rotor is at rest.
+        If the friction law is not `Coulomb`, there is damping or no spring, or the rotor is at rest.
 
     Examples
     --------
@@ -136,7 +139,7 @@ def stick_slip_speed(block: BlockOnBelt) -> float:
     Raises
     ------
     SceneError
-        If the friction law is another.
+        If the friction law is not `CubicStribeck`.
 
     Examples
     --------
@@ -153,6 +156,7 @@ def slip_amplitude(block: BlockOnBelt) -> float:
     """Compute the amplitude A = 2 sqrt(v_b1^2 - v_b^2) / w_n of the oscillation without stick at the belt speed of the
     block, to first order.
 
+    v_b is the belt speed and w_n the natural frequency of the block. v_b0 and v_b1 are explained in `stick_slip_speed`.
     Range: v_b0 < v_b < v_b1. Source: J. J. Thomsen, A. Fidlin (2003), as in `stick_slip_speed`.
 
     Parameters
@@ -168,7 +172,7 @@ def slip_amplitude(block: BlockOnBelt) -> float:
     Raises
     ------
     SceneError
-        If the friction law is another, or the belt is slower than v_b0.
+        If the friction law is not `CubicStribeck`, or the belt is slower than v_b0.
 
     Examples
     --------
@@ -195,8 +199,8 @@ def den_hartog_amplitude(block: BlockOnBelt, force: float, frequency: float) -> 
         x_0 = (P / k) sqrt(V^2 - (F / P)^2 U^2),   V = 1 / (1 - r^2),   U = tan(pi / (2 r)) / r,   r = w / w_n
 
     Range: undamped, equal static and kinetic friction, and F / P below `den_hartog_bound`. At r = 1/2, 1/4, ...
-    friction does not damp the free oscillation of twice, four times the frequency, and motions that are not symmetric
-    exist beside this one. Source: J. P. Den Hartog (1931).
+    friction does not damp the free oscillation with 2, 4, ... times the frequency w. There are then also motions that
+    are not symmetric. Source: J. P. Den Hartog (1931).
 
     Parameters
     ----------
@@ -215,7 +219,7 @@ def den_hartog_amplitude(block: BlockOnBelt, force: float, frequency: float) -> 
     Raises
     ------
     SceneError
-        If the block or the force is outside of the range, or at resonance.
+        If the block or the force is outside of the range, or w is the natural frequency of the block.
 
     Examples
     --------
@@ -288,8 +292,10 @@ def bearable_fall(chain: TorsionalChain, *, held: bool = False) -> float:
         free (the drive gives a constant torque):       a_2 a_1 = a_0 of s^3 + a_2 s^2 + a_1 s + a_0, with e = c_b - d:
             a_2 = (c + c_r) / J_r + (c + e) / J_b,   a_1 = (k J_r + k J_b + c c_r + c e + c_r e) / (J_r J_b),   a_0 = k (c_r + e) / (J_r J_b)
 
-    The result is the root of the quadratic in e that is met first, from high e down. Rotation is lost by growing
-    oscillations unless c_r + e reaches zero before, at which it runs away. Source: Hurwitz's criterion.
+    J_r, J_b, c_r, c_b, k and c are the inertias of drive and bit, the drags of drive and bit, and stiffness and damping
+    of the string. The first equation of the free drive is quadratic in e, and its largest root gives d. If c_r + e
+    reaches zero at a larger e than this root, the speed runs away before oscillations grow. This case is not
+    computed. Source: Hurwitz's criterion.
 
     Parameters
     ----------
@@ -306,7 +312,7 @@ def bearable_fall(chain: TorsionalChain, *, held: bool = False) -> float:
     Raises
     ------
     SceneError
-        If the string has another number of inertias, or no damping of the bit makes it oscillate.
+        If the string does not have two inertias, or if no damping at the bit makes the string oscillate.
 
     Examples
     --------
@@ -332,10 +338,12 @@ def bearable_fall(chain: TorsionalChain, *, held: bool = False) -> float:
 
 
 def hopf_speed_of_string(chain: TorsionalChain, rock: BitRock, *, held: bool = False) -> float:
-    """Compute the speed above which a string of two inertias turns steadily, and below which it does not: w = ln(W R_b
-    (mu_s - mu_c) decay / d) / decay.
+    """Compute the bit speed above which steady rotation of a string of two inertias is stable and below which it is unstable.
 
-    `bearable_fall` gives d, for a drive with constant torque or for a drive that holds the top speed.
+        w = ln(W R_b (mu_s - mu_c) decay / d) / decay
+
+    W is the weight on bit, R_b the radius and mu_s, mu_c and decay the friction of the rock. `bearable_fall` gives d,
+    for a drive with constant torque or for a drive that holds the top speed.
 
     Parameters
     ----------
@@ -349,12 +357,12 @@ def hopf_speed_of_string(chain: TorsionalChain, rock: BitRock, *, held: bool = F
     Returns
     -------
     float
-        The speed w [rad/s]. 0.0 if the string turns steadily at every speed.
+        The speed w [rad/s]. 0.0 if steady rotation is stable at every speed.
 
     Raises
     ------
     SceneError
-        If the friction law is another, or d is not positive.
+        If the friction law is not `Exponential`, or d is not positive.
 
     Examples
     --------
@@ -377,9 +385,10 @@ def groan_growth(brake: DiscBrake, force: float, until: float = 0.0) -> float:
         G = int (2 N |mu'| - c) / (2 m) dt  from the speed w_e at which the pad loses its damping, 2 N |mu'(r w_e)| = c, with dt = -I dw / (2 r N mu(r w))
           = I / (2 m r^2) ln(mu(r w) / mu(r w_e)) - c I / (4 m r N q mu_k) ln((mu_k e^(q w_e) + D) / (mu_k e^(q w) + D)),   q = decay r,  D = mu_s - mu_k
 
-    Exponential friction, no torque on the disc. G rises with the force to I / (2 m r^2) ln(mu_s / mu_k): a harder
-    brake application does not avoid groan. Range: a speed that changes little within a period of the pad; vibrations
-    too small to stick.
+    N is the force, r the effective radius, I the inertia of the disc, m and c mass and damping of the pad, and w the
+    final speed `until`. The friction is exponential, and no torque acts on the disc. G rises with the force to I / (2 m
+    r^2) ln(mu_s / mu_k), so braking with a larger force does not avoid groan. Range: the speed changes little within a
+    period of the pad, and the vibration is so small that the pad does not stick.
 
     Parameters
     ----------
@@ -388,7 +397,7 @@ def groan_growth(brake: DiscBrake, force: float, until: float = 0.0) -> float:
     force
         Constant normal force on the pad [N], > 0.
     until
-        Speed of the disc at which the growth ends [rad/s].
+        Speed of the disc at which the growth ends [rad/s], by default 0.
 
     Returns
     -------
@@ -398,7 +407,7 @@ def groan_growth(brake: DiscBrake, force: float, until: float = 0.0) -> float:
     Raises
     ------
     SceneError
-        If the friction law is another, or the force is not > 0.
+        If the friction law is not `Exponential`, or the force is not > 0.
 
     Examples
     --------

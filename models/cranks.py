@@ -45,8 +45,14 @@ class CrankSlider(Component):
 
     At a dead centre p = 0, so the friction of the guide does not hold the crank there.
 
-    Range of validity: a rod that is longer than the crank; the force of the rod on the guide is neglected. All numbers
-    are chosen. `models.cranks` contains the source.
+    J is the inertia of the crank shaft with damping d, m the mass of the slider, r the length of the crank and l the
+    length of the rod.
+
+    Range of validity: a rod that is longer than the crank. The force with which the rod presses the slider on the guide
+    is neglected. The default values are examples without a source.
+
+    Source of the equations: textbook (J. J. Uicker, G. R. Pennock, J. E. Shigley, Theory of Machines and Mechanisms,
+    Oxford).
 
     Examples
     --------
@@ -82,8 +88,12 @@ class ScotchYoke(Component):
     a is the angle of the crank and w its speed, x the position of the yoke and F the friction at the guide. The input
     is the torque T, `crank.torque` [N m].
 
-    At a dead centre p = 0, so the friction of the guide does not hold the crank there. All numbers are chosen.
-    `models.cranks` contains the source.
+    J is the inertia of the crank shaft with damping d, m the mass of the yoke and r the length of the crank. At a dead
+    centre p = 0, so the friction of the guide does not hold the crank there. The default values are examples without a
+    source.
+
+    Source of the equations: textbook (J. J. Uicker, G. R. Pennock, J. E. Shigley, Theory of Machines and Mechanisms,
+    Oxford).
 
     Examples
     --------

@@ -15,7 +15,7 @@ class FrictionDamper(Component):
         m_d w' = k_d (x - y) + c_d (v - w) + F,   F dry friction with slip speed w
 
     x and v are position and speed of the block, y and w of the slider. The slider sticks, and the damper acts as a
-    spring, while |k_d (x - y)| is below the static friction force F_c. Above it the slider slides.
+    spring, while |k_d (x - y)| is below the static friction force F_c. If the force exceeds F_c, the slider slides.
 
     A massless slider dissipates the energy W = 4 F_c (X - F_c / k_d) per cycle of a slow oscillation of the block with
     amplitude X > F_c / k_d. The maximum of W is k_d X^2, for F_c = k_d X / 2. The damper dissipates nothing if it has
@@ -28,7 +28,8 @@ class FrictionDamper(Component):
     Why the slider has a mass: its speed is then a state that sticks exactly. c_d damps the vibration of the slider on
     its spring. The default c_d is the critical damping for the default mass.
 
-    Range of validity: sqrt(k_d / m_d) far above the frequency of the vibration. The numbers are chosen.
+    Range of validity: sqrt(k_d / m_d) far above the frequency of the vibration. The default values are examples without
+    a source.
 
     Source: textbook.
 

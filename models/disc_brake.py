@@ -52,9 +52,9 @@ class DiscBrake(Component):
     Range of validity: groan at low speed (below about 3 rad/s for the default values). Squeal (see `SquealingPad`) and
     the heating of the pads are not modelled.
 
-    Default values: all are chosen, not published. They represent one wheel of a passenger car of 1600 kg on tyres of
-    0.3 m radius. A quarter of the mass acts as inertia on the disc. Pads and caliper have a natural frequency of 50 Hz.
-    With exponential friction the pad loses its damping if 2 N (mu_s - mu_k) decay exp(-decay r w) > c.
+    The default values are examples, not published values. They represent one wheel of a passenger car of 1600 kg on
+    tyres of 0.3 m radius. A quarter of the mass acts as inertia on the disc. Pads and caliper have a natural frequency
+    of 50 Hz. With exponential friction the pad loses its damping if 2 N (mu_s - mu_k) decay exp(-decay r w) > c.
 
     This model is a reconstruction: the structure (disc and pad with a harmonic normal force) follows Balaram et al.,
     whose full paper was not available.

@@ -42,8 +42,8 @@ class DiskStack(Component):
     - Contacts: `stack.i`, i from 0 to 2n-1.
 
     This model is a reconstruction. Of the eight-rotor assembly of J. A. Larsson and K. Farhang only the abstract was
-    available. It reports slip phases of nearly constant duration and stick phases that grow until the last one. The
-    equations and all numbers are chosen to reproduce this.
+    available. The abstract reports slip phases of nearly constant duration and stick phases that become longer up to
+    the last stick phase. The equations and the default values are chosen to reproduce this result.
 
     Examples
     --------
@@ -130,9 +130,10 @@ class DiskStack(Component):
         )
 
     def static_positions(self, force: NumberOrText) -> np.ndarray:
-        """Return the axial positions of the disks at rest under another actuator force, for a start without axial motion.
+        """Return the axial positions of the disks at rest under an actuator force, as start values without axial motion.
 
-        Every spring of the stack carries the force: z_j = (force - F_0) (1 / k_b + (2n - j) / k_c).
+        F_0 is the field `actuator_force`. Every spring of the stack carries the force: z_j = (force - F_0) (1 / k_b +
+        (2n - j) / k_c).
 
         Parameters
         ----------

@@ -15,7 +15,8 @@ from toolbox.authoring import NumberOrText, number
 def uniform_wear_radius(inner: NumberOrText, outer: NumberOrText) -> float:
     """Compute the effective radius of a worn friction ring, whose pressure is proportional to 1/r: R = (R_o + R_i) / 2.
 
-    The torque is mu N R. Source: textbook.
+    R_i and R_o are the inner and outer radius. The friction torque is mu N R, with the normal force N. Source:
+    textbook.
 
     Parameters
     ----------
@@ -46,7 +47,8 @@ def uniform_pressure_radius(inner: NumberOrText, outer: NumberOrText) -> float:
     """Compute the effective radius of a new friction ring under uniform pressure: R = (2/3) (R_o^3 - R_i^3) / (R_o^2 -
     R_i^2).
 
-    The torque is mu N R. R is never less than the radius for uniform wear. Source: textbook.
+    R_i and R_o are the inner and outer radius. The friction torque is mu N R, with the normal force N. R is never
+    smaller than the result of `uniform_wear_radius`. Source: textbook.
 
     Parameters
     ----------
@@ -88,8 +90,8 @@ class TwoDisks(Component):
     - Contact: `disks`.
 
     This model is a reconstruction, because only the abstract of J. A. Larsson and K. Farhang (2016) is public. The
-    equations and the defaults are chosen to reproduce the reported result: a stop (from `disks.rotor_speed` = 2 rad/s)
-    with stick-slip cycles that begin near the period of the stator and end near three times this period.
+    equations and the default values are chosen to reproduce the reported result: a stop (from `disks.rotor_speed` = 2
+    rad/s) with stick-slip cycles that begin near the period of the stator and end near three times this period.
 
     From start speeds up to 4 rad/s every cycle can be computed. From 6 rad/s on the motion of the stator decays to
     round-off before its damping becomes negative. `run.error_estimate` is then of the order of 1.
@@ -149,7 +151,7 @@ class PressedDisks(Component):
     Friction has no influence on the axial motion.
 
     This model is a reconstruction, like `TwoDisks`: only the abstract of J. A. Larsson and K. Farhang (2016) was
-    available. The parameter values are not published. They were chosen to reproduce the results in the abstract, for a
+    available. The parameter values are not published. They are chosen to reproduce the results in the abstract, for a
     stop from 10 rad/s in which the force rises in 50 ms. The axial mount of the stator (k_a, c_a) is an additional
     assumption.
 

@@ -19,8 +19,9 @@ def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float
     The slip speed is v + B sin t. The result is the mean over a period, (1 / 2 pi) int mu(v + B sin t) dt, with the
     sign of v.
 
-    Dry friction whose slip changes direction in every period acts like viscous drag. For Coulomb friction the result is
-    mu_k (2 / pi) arcsin(v / B) if |v| < B, else mu_k. The static friction has no influence.
+    If the slip changes direction in every period, dry friction acts like viscous drag on the mean motion. For Coulomb
+    friction the result is mu_k (2 / pi) arcsin(v / B) if |v| < B, else mu_k. The static friction does not influence the
+    result.
 
     Range of validity: the dither is so fast that v hardly changes in a period, and the contact does not rest when the
     slip changes direction.
@@ -82,9 +83,9 @@ class TangentialDither(NamedTuple):
 
 
 def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency: float, *, drag: float = 0.0) -> TangentialDither:
-    """Find the smallest dither along the slip under which friction no longer falls with speed at the mean slip speed v.
+    """Find the smallest dither in the direction of slip with which the mean friction does not fall with speed at the mean slip speed v.
 
-        N d mu_eff/dv (v; B) + drag >= 0,    mu_eff as in `averaged_friction`,    force = 2 pi frequency B / A
+        N d mu_eff/dv (v; B) + drag >= 0,    mu_eff = averaged_friction(law, v, B),    force = 2 pi frequency B / A
 
     B is the velocity amplitude of the dither. N is the load of the contact at rest and with the default inputs. A is
     the acceleration of the slip per unit of force.
@@ -101,7 +102,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     contact
         Name of the contact.
     slip
-        Mean slip speed v > 0.
+        Mean slip speed v > 0, in the unit of the slip of the contact.
     frequency
         Frequency of the dither [Hz], far above the frequencies to which the plant responds.
     drag
@@ -115,7 +116,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     Raises
     ------
     SceneError
-        If the contact is unknown, v <= 0, or no B in this range is enough.
+        If the contact is unknown, v <= 0, or no B between 0.01 v and 100 v is large enough.
 
     Examples
     --------

@@ -51,15 +51,15 @@ class DragBit(Component):
     specific energy of the rock, mu the friction coefficient of the wear flats, gamma the geometry number of the bit,
     zeta the ratio of axial to tangential cutting force, l the length of the wear flats and sigma the contact stress
     under them. q is the height of the rock above the blade tip between two blades: q(s) = height at the fraction s of
-    the blade angle, q(1) at the face of the blade.
+    the blade angle, so q(1) is the height at the face of the next blade.
 
     Contacts:
 
     - `bit.axial`: the wear flats carry the weight W_f = l a sigma while the bit moves down, nothing while it moves up,
-      and any value between at rest. Below a depth of cut of `engagement_depth` the wear flats carry a proportional part, so
-      that the force does not jump at touchdown.
+      and any value between 0 and l a sigma at rest. Below a depth of cut of `engagement_depth` the wear flats carry a
+      proportional part, so that the force does not jump at touchdown.
     - `bit`: both parts of the torque resist forward rotation. Only the wear flats resist backward rotation. At rest the
-      bit holds any torque between these bounds.
+      bit holds any torque between the torques of backward and forward rotation.
 
     Signals:
 
@@ -67,17 +67,17 @@ class DragBit(Component):
     - Gives `bit.torque` T [N m], `bit.weight` W [N] and `bit.cut_depth` d [m], which is negative off bottom.
     - States: `bit.profile` q (nodes) [m].
 
-    With `has_prescribed_speed` the speed of rotation is the input `bit.speed` (default 10 rad/s), which must not be negative.
-    There is then no contact `bit`.
+    With `has_prescribed_speed` the speed of rotation is the input `bit.speed` (default 10 rad/s), which must not be
+    negative. The bit then has no contact `bit`.
 
     `nodes`: use eight nodes per axial oscillation between two blades. With too few nodes the bit may lift off for
     numerical reasons.
 
     Source: T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007).
 
-    Assumptions: all numbers have the size of the numbers in the source. `engagement_depth` and equal blades are assumptions.
-    Backward rotation is not part of the source: here the rock ahead waits until the blades move forward again, and rock
-    is not cut twice.
+    Assumptions: all default values have the size of the values in the source. `engagement_depth` and equal blades are
+    assumptions. Backward rotation is not part of the source: here the rock ahead waits until the blades move forward
+    again, and rock is not cut twice.
 
     Range of validity: rotation with |v| < a w/(2 zeta). In this range the rock only dissipates energy. A bit that is
     thrown off bottom and lands again leaves this range: the cutting force does not depend on the direction of v, so it

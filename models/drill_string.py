@@ -40,7 +40,8 @@ class TorsionalChain(Component):
       `friction_load[i]`.
     - `friction_load`: one load per inertia. If it has n-1 entries, the last inertia has no friction (use this if
       `BitRock` acts there).
-    - `friction_at`: indices of the inertias that have friction, one for each load. The other inertias have none.
+    - `friction_at`: indices of the inertias that have friction, one index for each load. Inertias that are not listed
+      have no friction.
     - `drag`: viscous drag c_i of every inertia, in addition to `top_drag` and `bit_drag`.
     - `collar_index`: index of the inertia (-1: last) to which a lateral model such as `WhirlingCollar` is attached. The
       chain then also needs `collar.torque` [N m] (default 0) and gives `collar.speed` [rad/s].
@@ -89,7 +90,7 @@ class TorsionalChain(Component):
 
     @property
     def mode_summary(self) -> str:
-        """Text with the number of inertias and the first torsional natural frequencies, without drive and rock."""
+        """Text with the number of inertias and the first three torsional natural frequencies [Hz] of the chain without controller and rock."""
         k, n = np.array(self.stiffness, float), len(self.inertia)
         joints = np.diff(np.eye(n), axis=0)
         root = 1.0 / np.sqrt(np.array(self.inertia, float))

@@ -24,12 +24,12 @@ class ElasticRock(Component):
       [rad].
     - Contact: `bit.bottom`, with the modes "open" and "closed".
 
-    The torque that lifts the bit over the lobes is neglected, as is usual. In the energy audit its power is the supply
-    `lobes`.
+    The torque that lifts the bit over the lobes is neglected, as is usual. In the energy audit the power of this torque
+    is the supply `lobes`.
 
     Source: textbook.
 
-    Stiffness and damping are chosen: they have the size of stiff rock under a bit.
+    The default stiffness and damping are examples without a source: they have the size of stiff rock under a bit.
 
     Examples
     --------

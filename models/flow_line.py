@@ -31,16 +31,19 @@ class FlowLine(Component):
     - Needs the signals `line.inlet_flow` Q_0 [m3/s] (default 0) and `line.outlet_pressure` p_(n+1) [Pa] (default 0).
     - Gives the signals `line.inlet_pressure` p_1 [Pa] and `line.outlet_flow` Q_n [m3/s].
 
-    The loss of a nozzle at the end is part of the last K (`nozzle_loss`).
+    R, K, L and C are the fields `resistance`, `loss`, `inertance` and `compliance`, with one entry per segment. The
+    loss of a nozzle at the end is part of the last K (`models.flow_line.nozzle_loss`).
 
     `gel` adds the yield pressure F_i of a fluid that gels at rest: |F_i| <= load_i static at rest and load_i
-    sliding(|Q_i|) in flow. The contact of segment i is `line.i` (i from 0). load_i is `gel_pressure` [Pa] of the segment.
-    For a round pipe it is 4 tau l / d, from the balance of forces at the wall. The gel has its full strength again as
-    soon as the flow stops. A single segment breaks at the full strength of the line. With many segments they break one
-    after another from the pump on, at a lower pressure (see `studies/questions/networks.py`).
+    sliding(|Q_i|) in flow. The contact of segment i is `line.i` (i from 0). load_i is `gel_pressure` [Pa] of the
+    segment. For a round pipe it is 4 tau l / d, from the balance of forces at the wall. The gel has its full strength
+    again as soon as the flow stops. A line of a single segment begins to flow at the full strength of its gel. A line
+    of many segments begins to flow segment by segment from the pump on, at a lower pressure (see
+    `studies/questions/networks.py`).
 
     Range of validity: one-dimensional flow, laminar if R is the resistance of Poiseuille; waves that are about ten
-    segments long or longer. Pressures are relative to the surroundings. The defaults are an example.
+    segments long or longer. Pressures are relative to the surroundings. The default values are examples without a
+    source.
 
     Examples
     --------
@@ -165,7 +168,8 @@ class OutletRCR(Component):
     - Gives the signal `line.outlet_pressure` p [Pa].
     - State: `outlet.pressure` p_d [Pa].
 
-    At the end of a mud line it represents the annulus and the choke. The defaults are an example.
+    At the end of a mud line this part represents the annulus and the choke. The default values are examples without a
+    source.
 
     Examples
     --------

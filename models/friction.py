@@ -68,7 +68,8 @@ class Exponential(_Falling):
     - The bit law of Navarro-Lopez and Cortes (2007): static 0.8, kinetic 0.5, decay = gamma / v_f = 0.9 s/rad.
     - The law of Larsson and Farhang (2016) for two disks: decay = alpha.
 
-    Range of validity: decay >= 0, from constant friction to a jump.
+    Range of validity: decay >= 0. With decay 0 friction is constant, and with a very large decay it drops almost at
+    once.
 
     Examples
     --------
@@ -92,12 +93,12 @@ class Exponential(_Falling):
 class SmoothStepFriction(_Falling):
     """Friction that falls smoothly around one speed: mu(v) = kinetic + (static - kinetic) exp(-(|v| / transition_speed)^4).
 
-    It is a smooth substitute for a friction law that drops from static to kinetic at a speed w_c, as for a rotating
-    drill string. 94 % of the drop lie between 0.42 and 1.37 times `transition_speed`.
+    This law is a smooth substitute for `StepFriction`, which drops from static to kinetic at one speed, as for a
+    rotating drill string. 94 % of the drop lie between 0.42 and 1.37 times `transition_speed`.
 
-    Defaults: mu 0.3, ratio 0.65 and w_c = 1.5 rad/s.
+    Defaults: `static` 0.3, `kinetic` 0.195 (0.65 times `static`) and `transition_speed` 1.5 rad/s.
 
-    Source: U. J. F. Aarsnes, R. J. Shor (2018), whose law jumps at w_c.
+    Source: U. J. F. Aarsnes, R. J. Shor (2018), with the default values for a law that jumps at 1.5 rad/s.
 
     Examples
     --------
@@ -124,9 +125,11 @@ class SmoothStepFriction(_Falling):
 class StepFriction(_Falling):
     """Friction that drops at one slip speed: mu = static up to this speed, kinetic above it.
 
-    The drop is a break of the friction law and is located as an event. `SmoothStepFriction` is a similar law without a jump.
+    The drop is a break of the friction law and is located as an event. `SmoothStepFriction` is a smooth
+    substitute without a jump.
 
-    Source: U. J. F. Aarsnes, R. J. Shor (2018), with static 0.3, kinetic 0.65 of static, and a speed of 1.5 rad/s.
+    Source: U. J. F. Aarsnes, R. J. Shor (2018), with the default values: `static` 0.3, `kinetic` 0.195 (0.65 times
+    `static`) and `drop_speed` 1.5 rad/s.
 
     Examples
     --------
@@ -181,8 +184,8 @@ class GaussianStribeck(_Falling):
 class RationalStribeck(_Falling):
     """Friction that falls as a hyperbola and rises again: mu(v) = kinetic + (static - kinetic) / (1 + decay |v|) + quadratic_rise v^2.
 
-    U. Galvanetto and S. R. Bishop write this law as (1 - delta) / (1 + gamma |v|) + delta + eta v^2. `Hyperbolic` is
-    the special case kinetic = quadratic_rise = 0.
+    U. Galvanetto and S. R. Bishop write this law, relative to the static friction, as (1 - delta) / (1 + gamma |v|) +
+    delta + eta v^2. `Hyperbolic` is the special case kinetic = quadratic_rise = 0.
 
     Range of validity: any speed.
 
@@ -213,7 +216,7 @@ class Tabulated(_Static):
     Every speed of the table is a kink, which is located like an event, so a table does not reduce the accuracy of a
     run.
 
-    Range of validity: tables from a few to some dozens of rows. The default numbers are an example.
+    Range of validity: tables from a few to some dozens of rows. The default values are examples without a source.
 
     Examples
     --------
@@ -250,7 +253,8 @@ class Tabulated(_Static):
 class Hyperbolic(_Static):
     """Friction that falls as a hyperbola: F(v) = static / (1 + decay |v|).
 
-    Leine et al. (1998) use static = 1 N and decay = 3 s/m. The load of the contact is then 1.
+    Leine et al. (1998) use static = 1 N and decay = 3 s/m. With these values the law is a force, and the load of the
+    contact is 1.
 
     Source: R. I. Leine, D. H. van Campen, A. de Kraker, L. van den Steen, Nonlinear Dynamics 16 (1998) 41-54,
     doi:10.1023/A:1008289604683.
@@ -300,9 +304,9 @@ class CubicStribeck(_Falling):
 class Viscous(FrictionLaw):
     """Friction law with an additional viscous term: mu(v) = dry(v) + viscous |v|.
 
-    The law `dry` gives the friction at rest and its change with speed. The viscous term is added during slip only. It
-    is per unit of load: for a contact with load 1 its unit is N m s/rad or N s/m. If a drag does not depend on the
-    load, give the body a damper instead.
+    The law `dry` gives the friction at rest and its change with speed. The viscous term is added during slip only.
+    `viscous` is the viscous coefficient per unit of load: for a contact with load 1 its unit is N m s/rad or N s/m. For
+    a drag that does not depend on the load, give the body a damper instead of this law.
 
     Range of validity: viscous >= 0.
 

@@ -248,7 +248,7 @@ class GearNetwork(Component):
 
     - `inertia` of every node.
     - `ratio` i0, `mesh_stiffness` k_m and `mesh_damping` c_m of every train. For lossy teeth also `efficiency` eta and
-      `idle_torque`. None: lossless teeth without a contact.
+      `idle_torque`. If both are None, the teeth have no loss and no contact.
     - `stiffness` k and `damping` c of every shaft.
 
     Signals:
@@ -256,14 +256,14 @@ class GearNetwork(Component):
     - Needs `<node>.torque` T [N m] (default 0).
     - Gives `<node>.speed` w [rad/s].
     - States: `gears.speed`, `gears.windup`, `gears.twist`.
-    - Contacts: `gears.i` of train i, with lossy teeth. The friction of the teeth is dry friction with the slip w_a -
-      w_c and a load proportional to |tau|.
+    - Contacts: `gears.i` of train i, with lossy teeth. It is dry friction with the slip w_a - w_c and a load that is
+      proportional to |tau|.
 
     `input_node` is the node that acts as top drive for controllers: their `top.torque` and `top.speed` are the torque and
     the speed of this node.
 
-    Range of validity: no backlash. Two lossy trains with the same a and the same carrier would share one slip and raise
-    an error. The numbers are examples.
+    Range of validity: no backlash. Two lossy trains with the same a and the same carrier would share one slip; they
+    raise an error. The default values are examples without a source.
 
     Examples
     --------
@@ -330,7 +330,9 @@ class GearNetwork(Component):
 
     @property
     def redirected_signals(self) -> Mapping[str, str]:
-        """Signals that the network redirects: controllers of a top drive are connected to the node `input_node`."""
+        """{"top.torque": "<input_node>.torque", "top.speed": "<input_node>.speed"}: a controller of a top drive acts on
+        this node. Empty if `input_node` is None.
+        """
         return {} if self.input_node is None else {"top.torque": f"{self.input_node}.torque", "top.speed": f"{self.input_node}.speed"}
 
     def steady(self, speeds: Mapping[str, float], torques: Mapping[str, float] | None = None) -> SteadyGears:
@@ -341,7 +343,7 @@ class GearNetwork(Component):
         speeds
             {node: imposed speed [rad/s]}, one for each degree of freedom.
         torques
-            {node: external torque [N m]} on other nodes. 0 for nodes that are left out.
+            {node: external torque [N m]} on nodes without an imposed speed. 0 for nodes that are left out.
 
         Returns
         -------
@@ -351,8 +353,8 @@ class GearNetwork(Component):
         Raises
         ------
         SceneError
-            If the imposed speeds are too few, too many or contradict each other, or if no direction of power, or more
-            than one, agrees with the torques (a network that locks itself).
+            If the imposed speeds are too few, too many or contradict each other, or if no direction of the power
+            through the teeth, or more than one direction, agrees with the torques (a network that locks itself).
         """
         efficiencies = self.efficiency or (1.0,) * len(self.trains)
         trains = [Train(a, b, c, ratio, eta) for (a, b, c), ratio, eta in zip(self.trains, self.ratio, efficiencies, strict=True)]

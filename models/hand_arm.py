@@ -40,8 +40,8 @@ class HandArm(Component):
     - Gives the signals `handle.force` = -f_1 [N], the force of the hand on the handle, and `hand.force` f_1 [N].
     - States: `hand.compression` e (n + 1) [m], `hand.speed` v (n) [m/s].
 
-    With "block" the part needs `block.speed` and gives `block.force`. The mass of tissue that moves with the handle
-    belongs to the mass of the held part.
+    With the name of another part, such as "block", the hand needs `block.speed` and gives `block.force`. The mass of
+    tissue that moves with the handle belongs to the mass of this other part.
 
     Range of validity: small vibration in one direction, with a fixed posture and grip. Give your own numbers: the
     defaults (two masses) only have the order of magnitude of a hand and a forearm and have no source.
@@ -86,9 +86,12 @@ class HandArm(Component):
         )
 
     def impedance(self, frequency: ArrayLike) -> np.ndarray:
-        """Compute the driving-point impedance Z = F / v at the handle.
+        """Compute the driving-point impedance Z = Z_1 = F / v at the handle, from the last mass n to the first.
 
-            Z_i = 1 / (1 / (c_i + k_i / s) + 1 / (s m_i + Z_(i+1))),   Z_(n+1) = c_(n+1) + k_(n+1) / s,   s = 2 pi i f
+            Z_i = 1 / (1 / (c_i + k_i / s) + 1 / (s m_i + Z_(i+1))),   Z_(n+1) = c_(n+1) + k_(n+1) / s,   s = j 2 pi f
+
+        Here j is the imaginary unit, m_i the mass number i, and k_i and c_i are stiffness and damping of the spring and
+        the damper before mass i. k_(n+1) and c_(n+1) connect the last mass with the ground.
 
         Parameters
         ----------

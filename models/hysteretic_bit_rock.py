@@ -55,7 +55,8 @@ class HystereticBitRock(Component):
     """Set-valued rock torque with hysteresis: the torque is higher while the bit accelerates than while it decelerates.
 
         rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   T0 = W R_b mu(|w|) sgn w,   J w' = M - T
-        switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down, any value between at w' = 0
+        switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down,
+                        any value between these two at w' = 0
 
     beta0 and beta1 are the fields `hysteresis_fraction` and `hysteresis_steepness`. The rate form is used if beta1 is
     given, otherwise the switched form. M is the torque of the string on the bit and J the inertia of the bit.
@@ -66,11 +67,11 @@ class HystereticBitRock(Component):
     - Contact: `bit`. It sticks up to the torque at which the bit would speed up. This torque is W R_b mu_s in the rate
       form, whose branches meet at w' = 0, and (1 + beta0) W R_b mu_s in the switched form.
 
-    The law mu of Navarro-Lopez and Cortes (2007) is the basis of both forms. Unlike the smooth law it sticks. The rate
-    form follows the hysteretic law of F. F. Real et al. (2018).
+    The law mu of Navarro-Lopez and Cortes (2007) is the basis of both forms. Unlike the smooth law of
+    `SmoothHystereticBitRock`, this law sticks. The rate form follows the hysteretic law of F. F. Real et al. (2018).
 
     This model is a reconstruction, in place of the hysteretic dry friction of Hong and Dhupia. beta0 and beta1 are
-    assumed. Range of validity: beta0 <= 1, because the lower branch would drive the bit otherwise.
+    assumed. Range of validity: beta0 <= 1. With beta0 > 1 the lower branch would drive the bit.
 
     Examples
     --------
@@ -123,7 +124,8 @@ class SmoothHystereticBitRock(SmoothBitRock):
     """Smooth rock torque with hysteresis in the acceleration: the torque of `SmoothBitRock` on the branches T0 +- beta0 |T0|.
 
         rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   J w' = M - T
-        switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down, any value between at w' = 0
+        switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down,
+                        any value between these two at w' = 0
 
     beta0 and beta1 are the fields `hysteresis_fraction` and `hysteresis_steepness`. The rate form is used if beta1 is
     given, otherwise the switched form. The signals are the same as for `HystereticBitRock`. There is no contact, so the

@@ -38,8 +38,8 @@ class WhirlingCollar(Component):
 
     Connect the collar to a `TorsionalChain` with `collar_index=` set.
 
-    - Needs the signals `collar.speed` phi' [rad/s], `bit.torque` T [N m] (default 0) and `bit.weight` W [N] (of the
-      bit, else the field).
+    - Needs the signals `collar.speed` phi' [rad/s], `bit.torque` T [N m] (default 0) and `bit.weight` W [N] (from the
+      model of the bit, else the field `weight`).
     - Gives the signals `collar.torque` M [N m], `collar.y` [m], `collar.z` [m], `collar.radius` r [m].
     - States (five): `collar.angle` phi [rad], `collar.displacement` (2) [m] of the mass centre from its position at
       rest, and `collar.velocity` (2) [m/s] of the mass centre.
@@ -51,7 +51,7 @@ class WhirlingCollar(Component):
 
     This model is a reconstruction. It replaces the torsional-lateral string of Hong and Dhupia, of which only the
     abstract was available. Equations and numbers were published at UFRJ, Rio de Janeiro (wall 1e9 to 1e10 N/m and 0 to
-    1000 N s/m). The restitution is an alternative of this toolbox.
+    1000 N s/m). The rigid wall with restitution is an addition of this toolbox.
 
     Examples
     --------
@@ -122,6 +122,11 @@ class WhirlingCollar(Component):
             Weight on bit W [N].
         torque
             Torque on bit T [N m].
+
+        Returns
+        -------
+        float or casadi expression
+            The reduction [N/m].
         """
         return torque * np.pi**3 / (2 * self.span**2) + weight * np.pi**2 / (2 * self.span)
 
@@ -144,11 +149,12 @@ class WhirlingCollar(Component):
         return float(np.sqrt(self.stiffness(weight, torque) / self.modal_mass * self.gap / (self.gap + self.eccentricity)))
 
     def rolling_ratio(self) -> float:
-        """Ratio theta'/phi' = -R_co/gap of pure rolling: backward whirl without slip on the wall."""
+        """Return the ratio theta'/phi' = -R_co/gap [1] of pure rolling, which is backward whirl without slip on the wall."""
         return -self.outer_radius / self.gap
 
     def rolling_speed(self, weight: float = 0.0, torque: float = 0.0, friction: float | None = None) -> float:
-        """Compute the lowest steady speed at which backward rolling along a rigid wall persists. inf if friction is too low at every speed.
+        """Compute the lowest steady speed at which backward rolling along a rigid wall persists. inf if friction is too
+        low for rolling at every speed.
 
             w^2 = mu k_l gap/(mu m R_co^2/gap - m e sqrt(1 + mu^2) - c_h R_co^2)
 

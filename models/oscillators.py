@@ -25,8 +25,7 @@ VERASZTO_STEPAN = BlockOnBelt(
 
 
 def hopf_speed(block: BlockOnBelt) -> float:
-    """Compute the belt speed above which a sliding block comes to rest by itself, and below which it does not: c + d =
-    -N mu'(v).
+    """Compute the belt speed above which the vibration of a sliding block decays and below which it grows: c + d = -N mu'(v).
 
         exponential law   v = ln(N (mu_s - mu_k) decay / (c + d)) / decay              (Veraszto-Stepan 2017)
         cubic law         v = v_m sqrt(1 - 2 (c + d) v_m / (3 N (mu_s - mu_m)))        (v_b1 of Thomsen-Fidlin 2003)
@@ -42,12 +41,13 @@ def hopf_speed(block: BlockOnBelt) -> float:
     Returns
     -------
     float
-        The speed v [m/s]. 0.0 if the block comes to rest at every speed.
+        The speed v [m/s]. 0.0 if the vibration decays at every speed.
 
     Raises
     ------
     SceneError
-        If the friction law is another, or c + d = 0 with the exponential law, for which no such speed exists.
+        If the friction law is neither `Exponential` nor `CubicStribeck`. Also if c + d = 0 with the exponential law:
+        the vibration then grows at every speed.
 
     Examples
     --------

@@ -22,7 +22,7 @@ class OverrunningDrive(Component):
     The clutch transmits the torque c while it is locked and overruns while the driven shaft is faster. The inputs are
     the torques T and T_load, `driver.torque` and `driven.load` [N m].
 
-    All numbers are chosen.
+    The default values are examples without a source.
 
     Examples
     --------

@@ -23,17 +23,20 @@ class RateAndState(FrictionLaw):
     stiffness k is then stable if k > N (b - a) / D_c (1 + m v^2 / (N a D_c)).
 
     Near rest the logarithm is not valid. It is replaced by mu = a asinh(v / (2 v_0) exp((mu_0 + b psi) / a)), the sum
-    of forward and backward jumps over a barrier. Both are equal to round-off for v above v_0 exp(-mu_0 / a).
-    Consequences:
+    of forward and backward jumps over a barrier. Both formulas are equal to round-off for v far above v_0 exp(-mu_0 /
+    a). Consequences:
 
     - Nothing sticks exactly: a contact at rest creeps.
-    - On rock the speed v_0 exp(-mu_0 / a) is below 1e-30 m/s, and no computation can pass it from rest. Below the speed
-      `regularisation_speed` (floor), which is chosen, friction is therefore viscous: the friction at the speed sqrt(v^2
-      + floor^2), multiplied by v / sqrt(v^2 + floor^2).
+    - On rock the speed v_0 exp(-mu_0 / a) is below 1e-30 m/s, which a computation cannot pass from rest. Below the
+      speed `regularisation_speed` (floor) friction is therefore viscous: the friction at the speed sqrt(v^2 + floor^2),
+      multiplied by v / sqrt(v^2 + floor^2).
 
     The state of a contact `pad` is `pad.age` psi. It begins at 0, which is steady sliding at v_0.
 
-    Range of validity: b psi > -mu_0. The defaults are chosen: they have the size measured on rock.
+    mu_0, a, b, D_c and v_0 are the fields `base`, `direct`, `evolving`, `distance` and `speed`. `ageing` chooses
+    between the equations "ageing" (True, default) and "slip" (False).
+
+    Range of validity: b psi > -mu_0. The default values are examples of the size measured on rock.
 
     Sources: A. Ruina, J. Geophys. Res. 88 (1983) 10359-10370; J. R. Rice, A. L. Ruina, J. Appl. Mech. 50 (1983) 343-349
     (stability, with mass); J. R. Rice, Y. Ben-Zion, PNAS 93 (1996) 3811-3818, and N. Lapusta et al., J. Geophys. Res.

@@ -94,8 +94,8 @@ class Section(Renamed):
         Density [kg/m3] and shear modulus G [Pa] of the material.
     mass_per_length
         Mass per length in air [kg/m] with upsets and tool joints, as in catalogues ("adjusted weight"), or text such as
-        "23.5 lb/ft" or "23.5 ppf". By default it follows from the diameters. The mass in excess of this value is
-        assumed to rotate at the same radius of gyration.
+        "23.5 lb/ft" or "23.5 ppf". By default it follows from the diameters. If the given mass is larger than the mass
+        that follows from the diameters, the difference is assumed to rotate at the same radius of gyration.
     tool_joint
         Tool joints of the section, a `ToolJoint`. By default none.
 
@@ -179,7 +179,9 @@ class Section(Renamed):
         return (self.outer if self.tool_joint is None else max(self.outer, self.tool_joint.outer)) / 2
 
     def weight(self, mud_density: float = 0.0) -> float:
-        """Return the weight per length in mud of this density, inside and outside: (rho - rho_mud) g A [N/m], g = 9.80665 m/s2."""
+        """Return the weight per length (rho - rho_mud) g A [N/m] with mud inside and outside of the pipe, g = 9.80665
+        m/s2. The default density [kg/m3] is 0.
+        """
         metal = self.area if self.mass_per_length is None else self.mass_per_length / self.density
         return (self.density - mud_density) * 9.80665 * metal
 
@@ -252,7 +254,8 @@ def read_sections(path: str | Path) -> tuple[Section, ...]:
     - `weight [lb/ft]` (optional): weight in air of pipe with upsets and tool joints.
     - `tool joint OD [in]`, `tool joint ID [in]`, `tool joint length [in]` and `joint length [ft]` (optional).
 
-    Cells of the last five columns may be empty. Other units are possible, and the order of columns is free.
+    Cells of `weight` and of the four columns of tool joints may be empty. Other units are possible, and the order of
+    columns is free.
 
     Parameters
     ----------

@@ -18,13 +18,13 @@ def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: f
     The rigid rotation of the whole shaft is not included.
 
     Method: the vector y = (angle, torque / (zeta w)) rotates by w L / c along a section of length L, wave speed c and
-    impedance zeta. Where zeta changes the torque is continuous. The angle of y begins at atan(w J_top / zeta) and grows
-    with w. w is a natural frequency if
+    impedance zeta. At the end of a section, where zeta changes, angle and torque are continuous. The angle of y begins
+    at atan(w J_top / zeta) and grows with w. w is a natural frequency if
 
         angle(w) + atan(w J_bit / zeta) = k pi
 
-    This form is equivalent to the transcendental equation of the stepped shaft, but no root can be missed. Accuracy:
-    round-off.
+    for a whole number k. This condition is equivalent to the transcendental equation of the stepped shaft, but no root
+    can be missed, because its left side grows with w. Accuracy: round-off.
 
     Source: textbook (transfer matrices in the phase form of Pruefer).
 

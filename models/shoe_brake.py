@@ -26,7 +26,8 @@ class ShoeBrake(Component):
     presses the leading shoe more strongly on the drum and the trailing shoe less strongly. c is the lever ratio. If the
     drum turns backwards, the shoes change their roles. A self-locking brake, mu c >= 1, raises an error.
 
-    All numbers are chosen. `models.shoe_brake` contains the source.
+    The default values are examples without a source. Source of the equations: textbook (R. Limpert, Brake Design and
+    Safety, SAE, shoe factors).
 
     Examples
     --------

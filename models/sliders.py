@@ -56,9 +56,9 @@ class PlateContact(Component):
     - Gives the signal `plate.drag` [N], the force on the slider.
     - Contact: `plate`.
 
-    The default friction is taken from the finite-element study of the defaults of `Slider`: 0.35, falling to 0.25 with
-    0.001 s/mm, under a pressure of 0.1 MPa. The study does not give the area. An area of 10 mm x 10 mm is assumed, so
-    the load is 10 N.
+    The default friction is taken from the published finite-element study that gives the default values of `Slider`:
+    0.35, falling to 0.25 with 0.001 s/mm, under a pressure of 0.1 MPa. The study does not give the area. An area of 10
+    mm x 10 mm is assumed, so the load is 10 N.
 
     Examples
     --------
@@ -95,8 +95,9 @@ class InclinedSlider(Component):
     - Gives the signals `slider.position` y [m] and `slider.speed` [m/s], positive down the slope.
     - Contact: `slope`.
 
-    The numbers and the unusual definition of the mass are taken from the published study (10 N, 1 N/mm, 1 N s/mm, mu
-    0.35, 45 deg, g = 9.8 m/s2). If the input `slider.force` varies, the mass still follows from the field `force`.
+    The default values and the unusual definition of the mass m = F cos a / g are taken from a published finite-element
+    study (10 N, 1 N/mm, 1 N s/mm, mu 0.35, 45 deg, g = 9.8 m/s2). If the input `slider.force` varies, the mass still
+    follows from the field `force`.
 
     Range of validity: 0 <= a < pi/2.
 

@@ -37,8 +37,8 @@ class SquealingPad(Component):
     Range of validity: loss of contact is not modelled (`ElasticPad` can lift off). A run whose normal force falls below
     0 raises an error, so keep the preload P above k_c |y|.
 
-    Defaults: the dimensionless pad with k_xx = k_yy = 2, k_xy = 1, which flutters for mu > 3/4. Damping, preload and
-    speed are chosen.
+    Defaults: the dimensionless pad with k_xx = k_yy = 2, k_xy = 1, which flutters for mu > 3/4. The default damping,
+    preload and speed are examples.
 
     Source: Hoffmann, Fischer, Allgaier, Ostermeyer (2002).
 
@@ -85,12 +85,13 @@ class SquealingPad(Component):
         )
 
     def flutter_friction(self) -> float:
-        """Compute the coefficient of friction above which steady sliding is unstable by flutter. inf if no coefficient in this direction is.
+        """Compute the coefficient of friction above which steady sliding is unstable by flutter. inf if sliding in this
+        direction of the disc is always stable.
 
             mu = [(k_xx - k_yy)^2 + 4 k_xy^2 + 2 (c^2 / m) (k_xx + k_yy)] / (4 |k_xy| k_c)
 
-        The friction is constant. At this coefficient both frequencies meet. The damping is equal in both directions and
-        increases the coefficient.
+        The friction is constant. At the coefficient mu the frequencies of both modes become equal. The damping is equal
+        in both directions and increases the coefficient.
         """
         k_xx, k_xy, k_yy = self._stiffness()
         coupling = float(k_xy) * math.copysign(1.0, self.disc_speed)

@@ -25,7 +25,7 @@ from toolbox.modelling import OptionalQuantities
 class DrillString(TorsionalChain):
     """Torsional chain of a drill string from tables of its sections and its survey.
 
-    `DrillString.from_tables` makes it. `depth` holds the measured depths of its inertias [m].
+    `DrillString.from_tables` makes such a chain. `depth` holds the measured depths of its inertias [m].
 
     Examples
     --------
@@ -74,7 +74,7 @@ class DrillString(TorsionalChain):
         Parameters
         ----------
         sections, survey
-            Paths of tables (see `read_sections`, `read_survey`), or values.
+            Paths of tables (see `read_sections`, `read_survey`), or a sequence of `Section` and a `Survey`.
         top_inertia
             Inertia of the rigid rotating parts at the top, seen from the string: motor and gears [kg m2].
         bit_inertia

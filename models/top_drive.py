@@ -22,11 +22,10 @@ class TopDrive(Component):
         with inertia:   J_m w_m' = T_m - (T_top / n) eta^-s,  twist' = w_m / n - w_top,  T_top = k twist + c twist'
         encoder:        w' = (w_m / n - w) / t_encoder                      without lag w = w_m / n; rigid: w_m = n w_top
 
-    Composed into a plant, the top drive stands between the controllers and the string, without any change of a
-    controller:
+    In a plant, the top drive is connected between the controllers and the string. The controllers need no change:
 
-    - A controller that gives `top.torque` gives `drive.command` instead. This is the torque wanted at the top, without
-      losses.
+    - A controller that gives `top.torque` gives `drive.command` instead. The command is the torque that the controller
+      wants at the top if the drive had no losses.
     - A controller that measures `top.speed` measures `drive.speed` instead.
 
     Signals:
@@ -38,8 +37,8 @@ class TopDrive(Component):
     Optional features (None: off):
 
     - A lag adds one state.
-    - `motor_inertia`, with stiffness and damping of its shaft as seen from the top, adds two states. Without it the
-      first inertia of the string includes the inertia of the motor, as in published parameter sets.
+    - `motor_inertia`, with stiffness and damping of its shaft as seen from the top, adds two states. If `motor_inertia`
+      is None, the first inertia of the string includes the inertia of the motor, as in published parameter sets.
     - An efficiency, with an idle torque, adds one contact.
     - A limit adds one kink. The rate limit needs the lag, because without a lag it would be a relay.
 
@@ -84,15 +83,17 @@ class TopDrive(Component):
 
     @property
     def redirected_signals(self):
-        """Signals that the drive redirects: controllers that use `top.torque` and `top.speed` are connected to `drive.command` and `drive.speed`."""
+        """{"top.torque": "drive.command", "top.speed": "drive.speed"}: a controller that uses the first signal is connected to the second signal."""
         own = self.name or "drive"
         return {"top.torque": f"{own}.command", "top.speed": f"{own}.speed"}
 
     @property
     def signal_limits(self):
-        """Limits of the motor torque as {signal: (lowest, highest)}, for figures.
+        """Physical limits of the motor torque, as {signal: (lowest, highest)} [N m]. Empty without a torque limit.
+        Figures of a run draw these limits.
 
-        The torque on the string is included if it is proportional to the motor torque.
+        Limits of `top.torque` are included if this torque is proportional to the motor torque (no motor inertia and no
+        efficiency).
         """
         if self.torque_limit is None:
             return {}

@@ -48,12 +48,12 @@ class TorqueDrag(Result):
     side_force
         Force between string and borehole [N/m], shape (n,).
     sliding_front
-        Measured depth above which the string slides and below which it is stuck [m]. The length of the string if all of
-        it moves.
+        Measured depth above which the string moves against the borehole, and below which friction holds it at rest [m].
+        The length of the string if the whole string moves.
     twist
         Angle by which the top is ahead of the bit [rad].
     bit_static
-        Whether the string slides down to the bit, but the bit itself does not turn, because the torque that reaches it
+        Whether the whole string above the bit moves, but the bit does not turn, because the torque that reaches the bit
         is below the torque of the rock.
 
     Examples
@@ -82,7 +82,7 @@ class TorqueDrag(Result):
 
     @property
     def is_sliding(self) -> np.ndarray:
-        """Whether the string slides at every depth, shape (n,)."""
+        """For each entry of `depth`: True if the string moves against the borehole there, False if friction holds it at rest there. Shape (n,)."""
         return self.depth <= self.sliding_front
 
     @property
@@ -120,7 +120,8 @@ class TorqueDrag(Result):
         return heads, [[*map(float, row[:-1]), int(row[-1])] for row in rows]
 
     def plot(self, label: str = "", axes: Any = None) -> Any:
-        """Draw tension and torque over depth, each if the motion changes it. The stuck part is shaded.
+        """Draw tension and torque over depth, and shade the part of the string that is at rest. A quantity that the
+        motion does not change is left out.
 
         Parameters
         ----------
@@ -196,9 +197,9 @@ def torque_drag(
     turning_speed
         Speed of rotation [rad/s]. Only the ratio of both speeds matters.
     load_at_top
-        For a string that was at rest before and moves in one way only: the hook load [N], or for rotation the torque
-        [N m], that acts at the top. If it is less than the whole string needs, only the part above some depth slides.
-        By default the whole string moves.
+        Hook load [N], or torque [N m] for rotation, that acts at the top of a string that was at rest before and either
+        slides or rotates. If this load is too small to move the whole string, only the part above some depth moves. By
+        default the whole string moves.
     mud_density
         Density of the mud for buoyancy [kg/m3].
     weight_on_bit
@@ -211,7 +212,7 @@ def torque_drag(
     Returns
     -------
     TorqueDrag
-        Tension and torque over depth. Steps are at most 5 m, of fourth order.
+        Tension and torque over depth, integrated in steps of at most 5 m with a method of fourth order.
 
     Raises
     ------
@@ -372,7 +373,8 @@ def _stepped(slope: Callable[[int, int, float], tuple[float, float]], k: int, pu
 class TorqueDragOperations(Result):
     """Torque and drag of one string in the usual operations of a rig.
 
-    `found["picking up"]` is the `TorqueDrag` of this operation.
+    `torque_drag_operations` returns it. With the result `found`, `found["picking up"]` is the `TorqueDrag` of the
+    operation "picking up".
 
     Attributes
     ----------
@@ -383,6 +385,14 @@ class TorqueDragOperations(Result):
         depth.
     display_units
         {SI unit: unit in which the input was given}.
+
+    Examples
+    --------
+    >>> from models import Section, Survey, torque_drag_operations
+    >>> pipe = Section(1000.0, "5 in", "4.276 in")
+    >>> found = torque_drag_operations([pipe], Survey((0.0, 1000.0), (0.5, 0.5), (0.0, 0.0)), friction=0.3)
+    >>> print(f"{found['picking up'].drag / 1e3:.1f} kN of drag while picking up")
+    37.7 kN of drag while picking up
     """
 
     operations: Mapping[str, TorqueDrag]

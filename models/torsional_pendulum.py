@@ -20,7 +20,7 @@ class TorsionalPendulum(Component):
     - Gives the signals `bit.speed` w [rad/s], `top.load` [N m], the torque of the string on the table,
       `bit.free_acceleration` [rad/s2], the acceleration of the bit without the rock, and `bit.inertia` [kg m2].
 
-    The defaults are chosen: they have the size of the 1000 m string in the source.
+    The default values are examples of the size of the 1000 m string in the source.
 
     Source: T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007).
 

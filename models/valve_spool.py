@@ -22,7 +22,7 @@ class ValveSpool(Component):
 
     The input is the force P, `spool.force` [N]. N_upper and N_lower are the contact forces of the stops.
 
-    All numbers are chosen.
+    The default values are examples without a source.
 
     Examples
     --------

@@ -26,7 +26,7 @@ class WallContact(Component):
         slip:   F = mu N v / s,  T = mu N R (R w) / s,  s = sqrt(v^2 + (R w)^2)      both against the motion
 
     N is the side force, R the radius that touches the wall, v the axial speed and w the speed of rotation. Rotation
-    reduces the axial drag: a string that is held by axial friction comes free when it is rotated.
+    reduces the axial drag: a string that friction holds in axial direction begins to slide when it is rotated.
 
     The part replaces the rock. It acts on the last mass of an `AxialChain` and on the last inertia of a
     `TorsionalChain`, and every switch is located as an event. For friction at every mass, computed in time steps, use
@@ -38,7 +38,7 @@ class WallContact(Component):
     - Contact: `wall`, with the modes "stick" and "slip". `wall.force` [N] is sqrt(F^2 + (T / R)^2), and `wall.slip`
       [m/s] is s.
 
-    The defaults are chosen: they have the size of 200 m of collars on the low side of a horizontal borehole.
+    The default values are examples of the size of 200 m of collars on the low side of a horizontal borehole.
 
     Source: textbook (torque and drag).
 
@@ -139,8 +139,8 @@ def string_on_wall(
     - The torque of the top drive is -stiffness[0] times `twist.0`.
 
     With `top_drive` the first inertia of `torsional` is driven by the input `top.torque` [N m], with its `top_drag`, in
-    place of `top.speed`. The angles of both ends are then the outputs `top` and `bit` [rad], and controllers measure
-    `top.speed` and give `top.torque`.
+    place of the input `top.speed`. The outputs `top` and `bit` are then the angles of both ends [rad], and controllers
+    measure `top.speed` and give `top.torque`.
 
     The equations are written in the frame of hook and top drive, in which the borehole moves. This is exact while their
     speeds are constant. While their speeds change, the inertial forces of this frame are missing. The fields `drag` and
@@ -236,8 +236,16 @@ def string_on_wall(
 class StringOnWall(ContactBody):
     """Drill string that slides along its borehole and rotates at the same time, with one Coulomb friction cone at every mass.
 
-    This class is the form for scene files of the function `string_on_wall`, which describes inputs, outputs and frame
-    of reference. With `top_drive` controllers measure `top.speed` and give `top.torque`.
+    This class is for scene files. The function `string_on_wall` makes the same string and describes inputs, outputs and
+    frame of reference. With `top_drive` controllers measure `top.speed` and give `top.torque`.
+
+    Examples
+    --------
+    >>> from models import StringOnWall
+    >>> numbers = {"mass": (5000.0,), "axial_stiffness": (4e6,), "axial_damping": (2e5,), "inertia": (2000.0, 100.0)}
+    >>> string = StringOnWall(**numbers, stiffness=(2000.0,), damping=(80.0,), radius=0.1, loads=(1e4,))
+    >>> print(string.problem().contacts, "contact,", sorted(string.problem().outputs))
+    1 contact, ['axial.0', 'twist.0']
     """
 
     mass: Quantities = quantity(unit="kg", meaning="masses behind the hoisting lines, top first", above=0)

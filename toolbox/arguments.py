@@ -166,7 +166,7 @@ def entries(word: str, given: Sized | None, size: int, each: str) -> None:
     size
         Expected number of entries.
     each
-        Continuation of the message that says which entries are expected, such as ", one per spring".
+        Text that the message adds after the expected number of entries, such as ", one per spring".
 
     Raises
     ------
@@ -211,12 +211,12 @@ def finite_array(value: Any) -> np.ndarray | None:
     Parameters
     ----------
     value
-        Numbers, or anything else.
+        Any object.
 
     Returns
     -------
     array or None
-        The numbers.
+        The numbers. None if the object does not consist of finite real numbers.
 
     Examples
     --------
@@ -256,7 +256,7 @@ def array(word: str, given: Any, shape: Sequence[int | range | None], at_least: 
     Raises
     ------
     SceneError
-        If the shape is another, or an entry is not finite or below the bound.
+        If the array does not have the expected shape, or an entry is not finite or below the bound.
 
     Examples
     --------

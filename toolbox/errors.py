@@ -74,7 +74,7 @@ def optional(package: str, what: str, extra: str) -> Any:
 
 
 def no_array(value: Any, instead: str) -> NoReturn:
-    """Raise TypeError for an object that numpy would turn into an array without shape.
+    """Raise TypeError for an object that numpy would otherwise turn into an array without shape.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 class SceneError(ValueError):
-    """Error in a plant, a scene or an argument, which cannot be simulated as it is. The message names the argument and the condition.
+    """Error in a plant, a scene or an argument that makes the computation impossible. The message names the argument and the violated condition.
 
     Examples
     --------
@@ -120,9 +120,17 @@ class SceneError(ValueError):
 
 
 class Unidentifiable(SceneError):
-    """Error for numbers that the data do not determine: their `names`, and the `values` {name: value} at the end of the search.
+    """Error for numbers that the data do not determine.
 
-    `mute` is True if the numbers change no measured signal.
+    `names` are the names of these numbers, and `values` is {name: value} at the end of the search. `mute` is True if
+    the numbers change no measured signal.
+
+    Examples
+    --------
+    >>> from toolbox.errors import Unidentifiable
+    >>> error = Unidentifiable("The data do not determine `bit.weight`.", ["bit.weight"], values={"bit.weight": 97e3})
+    >>> print(error.names, error.values)
+    ('bit.weight',) {'bit.weight': 97000.0}
     """
 
     def __init__(self, message: str, names: Iterable[str] = (), mute: bool = False, values: Any = None):
@@ -149,12 +157,35 @@ class NoSteadyState(SceneError):
 class UnusualValue(UserWarning):
     """Warning about a number outside the typical range of its field, for example because another unit was meant.
 
-    The message names both readings. If the value is intended, use `warnings.simplefilter("ignore", UnusualValue)`.
+    The message names the value in the declared unit and in the unit that was perhaps meant. If the value is intended,
+    use `warnings.simplefilter("ignore", UnusualValue)`.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from models import BitRock
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     rock = BitRock(weight=96.04)
+    >>> print(rock.weight, "N,", len(caught), "warning")
+    96.04 N, 1 warning
     """
 
 
 class SimulationError(RuntimeError):
-    """Error in a run that could not be finished. `run` is the trajectory up to the failure, or None if nothing was computed."""
+    """Error in a run that could not be finished. `run` is the trajectory up to the failure, or None if nothing was computed.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import Budget, SimulationError, compose, simulate
+    >>> from toolbox.simulation import EventExact
+    >>> try:
+    ...     simulate(compose(BlockOnBelt()), "60 s", method=EventExact(budget=Budget(events=4)))
+    ... except SimulationError as error:
+    ...     print(f"{type(error).__name__} after {len(error.run.events)} events")
+    BudgetError after 4 events
+    """
 
     def __init__(self, message: str, run: Any = None):
         super().__init__(message)
@@ -165,19 +196,45 @@ class SimulationError(RuntimeError):
 
 
 class ZenoError(SimulationError):
-    """Error for a run with so many events in a short time that they cannot be resolved (Zeno behaviour)."""
+    """Error for a run with so many events in a short time that the run cannot resolve them (Zeno behaviour). `run` is the trajectory so far."""
 
 
 class NoModes(SimulationError):
-    """Error for an instant at which no modes of the elements are consistent with the forces."""
+    """Error for a run that reaches an instant without any combination of modes consistent with the forces. `run` is the trajectory so far."""
 
 
 class ControllerError(SimulationError):
-    """Error for a controller whose command or memory is not a finite number. The message names controller, signal and time."""
+    """Error for a controller whose command or memory is not a finite number. The message names controller, signal and
+    time. `run` is the trajectory so far.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.errors import ControllerError
+    >>> try:
+    ...     simulate(compose(BlockOnBelt()), "1 s", controller=lambda t, y: 0.0 if t < 0.45 else float("nan"), sample_time="0.1 s")
+    ... except ControllerError as error:
+    ...     print(f"{error.run.end:.1f} s")
+    0.5 s
+    """
 
 
 class BudgetError(SimulationError):
-    """Error for a run that used up its `Budget` of steps, events or seconds."""
+    """Error for a run that used up its `Budget` of steps, events or seconds. `run` is the trajectory so far.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import Budget, compose, simulate
+    >>> from toolbox.errors import BudgetError
+    >>> from toolbox.simulation import EventExact
+    >>> try:
+    ...     simulate(compose(BlockOnBelt()), "60 s", method=EventExact(budget=Budget(events=4)))
+    ... except BudgetError as error:
+    ...     print(f"{len(error.run.events)} events in {error.run.end:.1f} s")
+    4 events in 21.4 s
+    """
 
 
 class AccuracyError(SimulationError):
@@ -185,26 +242,27 @@ class AccuracyError(SimulationError):
 
 
 class GrazingError(SimulationError):
-    """Error for an event without a derivative of the run.
+    """Error for a run without derivative, because one event of the run has no derivative.
 
-    A guard touches zero without crossing it, or two guards reach zero at the same instant.
+    At such an event a guard (switching function) touches zero without crossing it, or two guards reach zero at the same
+    instant.
     """
 
 
 def joined(names: Iterable[str], most: int = 30) -> str:
-    """Return names between marks for an error message: a file may hold any number of names of any length.
+    """Return names between backquotes as text for an error message, at most a given number of names.
 
     Parameters
     ----------
     names
         The names. A name of more than a hundred characters is cut.
     most
-        Number of names that are told.
+        Largest number of names in the text, by default 30.
 
     Returns
     -------
     str
-        The first names, and how many more there are.
+        The first names, and the number of names that are left out.
 
     Examples
     --------

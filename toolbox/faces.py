@@ -27,9 +27,9 @@ import lazy_loader
 def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return `__getattr__`, `__dir__` and `__all__` for a package whose public names stand in a stub file.
 
-    If a name is public in a room of the package, or in one of its public modules, it is refused with the line that
-    imports it from there: an import statement by ImportError, access to an attribute, such as `hasattr`, by
-    AttributeError.
+    If a name is not public in the package itself but in one of its sub-packages or public modules, the error message
+    contains the correct import line. An import statement raises ImportError. Access to an attribute, such as `hasattr`,
+    raises AttributeError.
 
     Parameters
     ----------

@@ -9,8 +9,7 @@ ROUND_OFF = 4 * 2.0**-52
 
 
 def halved(holds: Callable[[float], bool], low: float, high: float, relative: float, absolute: float = 0.0) -> tuple[float, float]:
-    """Halve an interval until its width is below a tolerance, if a condition holds at its high end and not at its low
-    end.
+    """Halve an interval until its width is below a tolerance. A condition must hold at the high end of the interval and fail at the low end.
 
     Parameters
     ----------

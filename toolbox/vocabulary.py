@@ -34,7 +34,7 @@ def now_or_near(place: str, word: str, known: Iterable[str]) -> str:
 
 
 def new_names_only(function: Callable[Arguments, Found]) -> Callable[Arguments, Found]:
-    """Return a function that refuses the former names of its arguments with the names now.
+    """Return the function with a check that refuses former names of its arguments. The error names the present name.
 
     Parameters
     ----------
@@ -94,7 +94,18 @@ def new_field(kind: type | str, word: str) -> str:
 
 
 class Renamed:
-    """A class that refuses former names of its arguments and attributes with the names now."""
+    """Base class that refuses former names of arguments and attributes of its subclasses. The error names the present name.
+
+    Examples
+    --------
+    >>> from models import GaussianStribeck
+    >>> from toolbox import SceneError
+    >>> try:
+    ...     GaussianStribeck(speed=0.1)
+    ... except SceneError as error:
+    ...     print(error)
+    Argument `speed` of `GaussianStribeck` is now `stribeck_speed`.
+    """
 
     if not TYPE_CHECKING:  # a checker of types must see neither, or it takes every name for an attribute
 

@@ -16,7 +16,7 @@ from toolbox.modelling import Observer
 
 @dataclass(frozen=True, kw_only=True)
 class Ensemble(Observer):
-    """Observer whose estimates are the means of an ensemble of strings. See `toolbox.drilling.EnsembleFilter`.
+    """Observer whose estimates are the means of an ensemble of simulated strings (see `toolbox.drilling.EnsembleFilter`).
 
     Estimates:
 
@@ -25,6 +25,15 @@ class Ensemble(Observer):
 
     Use it inside `ObserverBasedController` or `StringObserverController`, sampled at `period`. It runs in Python, and the run
     keeps its estimates in `run.controllers[0].estimates`. It assumes that commands act without delay.
+
+    Examples
+    --------
+    >>> from controllers.observers import Ensemble
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> estimator = Ensemble(members=16).create_estimator(compose(wells.JANSEN_2, BitRock(weight="97 kN")))
+    >>> print(f"{estimator.estimate([6.0])['bit.speed']:.1f} rad/s after one measured top speed of 6 rad/s")
+    6.0 rad/s after one measured top speed of 6 rad/s
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)

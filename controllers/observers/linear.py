@@ -210,7 +210,9 @@ def steady_string(A: np.ndarray, B: np.ndarray, row: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Kalman(StringObserver):
-    """Stationary Kalman filter of the string: the optimal gain for white noises of given intensities.
+    """Stationary Kalman filter of the string, which estimates its states and the bit torque from the top speed and the torque of the drive.
+
+    The gain is optimal for white noises of these intensities:
 
     - `speed_noise`: standard deviation of the measured top speed, at samples every `period`.
     - `torque_process_noise`: standard deviation of the change of the bit torque in one second. The bit torque is
@@ -224,6 +226,15 @@ class Kalman(StringObserver):
     the declared rock torque at the estimated speed.
 
     Source: R. E. Kalman, R. S. Bucy, J. Basic Eng. 83 (1961) 95-108.
+
+    Examples
+    --------
+    >>> from controllers.observers import Kalman
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> kalman = Kalman().design(compose(wells.JANSEN_2, BitRock(weight="97 kN")))
+    >>> print(dict(zip((*kalman.states, "bit.torque"), [round(gain, 1) for gain in kalman.gain])))
+    {'chain.twist.0': -1166.9, 'chain.speed.0': 34.8, 'chain.speed.1': 6772.5, 'bit.torque': -8000000.0}
     """
 
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
@@ -234,7 +245,11 @@ class Kalman(StringObserver):
     drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
 
     def gains(self, A, B, row):
-        """Compute the gain L = P C' / R from the Riccati equation A P + P A' - P C' C P / R + Q = 0."""
+        """Compute the gain L = P C' / R from the Riccati equation A P + P A' - P C' C P / R + Q = 0.
+
+        A (n, n) and B (n,) are the matrices of the string with the bit torque as last state, and `row` (n,) is C, which
+        gives the top speed. The result has the shape (n,).
+        """
         from scipy.linalg import solve_continuous_are
 
         Q = self.drive_process_noise**2 * np.outer(B, B)
@@ -249,17 +264,33 @@ class Kalman(StringObserver):
 
 @dataclass(frozen=True)
 class DisturbanceObserver(StringObserver):
-    """Disturbance observer of the string, with all poles at -bandwidth (Ackermann's formula).
+    """Disturbance observer of the string, which estimates its states and the bit torque from the top speed and the torque of the drive.
 
-    `bandwidth` is the only number to tune. A faster observer follows the rock sooner, but passes more noise.
+    All poles of the estimation error are at -bandwidth (Ackermann's formula). `bandwidth` is the only number to tune.
+    With a larger bandwidth the estimate follows the rock sooner, but contains more noise.
+
+    Estimates: the same signals as for `Kalman`.
 
     Source: textbook (pole placement: K. Ogata, Modern Control Engineering).
+
+    Examples
+    --------
+    >>> from controllers.observers import DisturbanceObserver
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> observer = DisturbanceObserver(bandwidth=6.0).design(compose(wells.JANSEN_2, BitRock(weight="97 kN")))
+    >>> print(dict(zip((*observer.states, "bit.torque"), [round(gain, 1) for gain in observer.gain])))
+    {'chain.twist.0': -777.1, 'chain.speed.0': 23.6, 'chain.speed.1': 3351.9, 'bit.torque': -2174507.2}
     """
 
     bandwidth: Quantity = quantity(6.0, "rad/s", "distance of all poles from zero", above=0)
 
     def gains(self, A, B, row):
-        """Compute the gain L with det(s - A + L C) = (s + bandwidth)^n."""
+        """Compute the gain L with det(s - A + L C) = (s + bandwidth)^n.
+
+        A (n, n) and B (n,) are the matrices of the string with the bit torque as last state, and `row` (n,) is C, which
+        gives the top speed. The result has the shape (n,).
+        """
         return placed(A, row, np.poly(np.full(A.shape[0], -self.bandwidth)))
 
 

@@ -18,21 +18,23 @@ from toolbox.modelling import Observer, OptionalQuantity
 
 @dataclass(frozen=True, kw_only=True)
 class MovingHorizon(Observer):
-    """Moving-horizon observer: fits the last `window` periods with the constraints that the bit does not turn backwards and the rock does not drive
-    it.
+    """Moving-horizon observer of the string: it fits the last samples under constraints on bit speed and bit torque.
 
         min |z_(k-N) - z-_(k-N)|^2_P + sum_(j=k-N)^(k-1) |w_j|^2_Q + sum_(j=k-N)^k |y_j - C z_j|^2_R   over z_(k-N), w
         z_(j+1) = F z_j + G u_j + w_j,   bit speed >= lowest_speed,   T >= lowest_torque at every j
 
-    z = (x, T) contains the states of the string and the torque of the rock, which is a random walk as in `Kalman`.
-    |e|_P^2 = e' P^-1 e.
+    By default the constraints are that the bit does not turn backwards and that the rock does not drive the bit.
 
-    - The arrival cost is the cost of the stationary Kalman filter, around the prediction of this observer for the
-      beginning of the window. Without active limits the estimate therefore equals the estimate of the Kalman filter,
-      for every window.
-    - None for a limit removes the limit.
-    - If a solution does not satisfy its KKT conditions, the correction of the Kalman filter is used instead and counted
-      in `failures`.
+    k is the present sample and N the field `window`. z = (x, T) contains the states of the string and the torque of the
+    rock, which is a random walk as in `Kalman`. y_j is the measured top speed, u_j the torque of the drive, w_j the
+    process noise, and z-_(k-N) the prediction for the beginning of the window. |e|_P^2 = e' P^-1 e, with the
+    covariances P, Q and R of these errors.
+
+    - P is the covariance of the stationary Kalman filter (arrival cost). Without active limits the estimate therefore
+      equals the estimate of the Kalman filter, for every window.
+    - `lowest_speed` and `lowest_torque` are the limits. None removes a limit.
+    - If a solution does not satisfy its KKT conditions, the correction of the Kalman filter is used instead of the
+      solution, and the case is counted in `failures`.
     - Before the first sample the string is assumed at rest.
 
     The estimates are the same signals as for `Kalman`. `delay` is the time from a sample until its command reaches the
@@ -40,6 +42,15 @@ class MovingHorizon(Observer):
     its estimates in `run.controllers[0].estimates`.
 
     Source: C. V. Rao, J. B. Rawlings, D. Q. Mayne, IEEE Trans. Autom. Control 48 (2003) 246-258.
+
+    Examples
+    --------
+    >>> from controllers.observers import MovingHorizon
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> estimator = MovingHorizon(window=5).create_estimator(compose(wells.JANSEN_2, BitRock(weight="97 kN")))
+    >>> print(f"{estimator.estimate([0.1])['top.speed']:.3f} rad/s after one measured top speed of 0.1 rad/s")
+    0.056 rad/s after one measured top speed of 0.1 rad/s
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)

@@ -17,15 +17,28 @@ class SlidingObserver(StringObserver):
 
         x_hat' = A x_hat + B u + g v,   v = size clip(e / layer, -1, 1) + reaching e,   e = w_top - w_top_hat
 
-    The entry of g for the top speed is 1. On e = 0 the remaining errors decay with all poles at -bandwidth, for any
-    injection v.
+    A and B are the matrices of the string with the bit torque as last state, and u is the torque of the drive. size,
+    layer and reaching are the fields `switching_gain`, `boundary_layer` and `reaching`.
 
-    - `switching_gain` (size) must be larger than the influence of the estimation errors on the acceleration of the top.
-    - The linear term (reaching) reduces large errors. With a bounded injection alone the estimates could diverge.
+    The entry of g for the top speed is 1. While e = 0, the other estimation errors decay with all poles at -bandwidth,
+    for any injection v. Estimates: the same signals as for `Kalman`.
+
+    - `switching_gain` must be larger than the influence of the estimation errors on the acceleration of the top.
+    - The linear term `reaching` e reduces large errors. Without this term the injection would be bounded, and the
+      estimates could diverge.
 
     Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992 (chapter on observers).
 
     The gains are computed by pole placement.
+
+    Examples
+    --------
+    >>> from controllers.observers import SlidingObserver
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> observer = SlidingObserver(bandwidth=3.0).design(compose(wells.JANSEN_2, BitRock(weight="97 kN")))
+    >>> print(dict(zip((*observer.states, "bit.torque"), [round(gain, 1) for gain in observer.gain])))
+    {'chain.twist.0': -34.4, 'chain.speed.0': 1.0, 'chain.speed.1': 104.9, 'bit.torque': -45302.2}
     """
 
     bandwidth: Quantity = quantity(3.0, "rad/s", "distance of the poles on the sliding surface from zero", above=0)
@@ -34,15 +47,19 @@ class SlidingObserver(StringObserver):
     boundary_layer: Quantity = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
 
     def injection(self, error):
-        """Return the switching injection v [rad/s2]."""
+        """Return the injection v [rad/s2] for an error e = w_top - w_top_hat [rad/s], as a casadi expression."""
         return self.switching_gain * ca.fmin(ca.fmax(error / self.boundary_layer, -1), 1) + self.reaching * error
 
     def slope(self):
-        """Return the slope of the correction for large errors, at which the switching part is bounded."""
+        """Return the slope dv/de of the injection for large errors [1/s], beyond which the switching part is constant."""
         return self.reaching
 
     def gains(self, A, B, row):
-        """Compute g such that row g = 1 and the zeros of row (s - A)^-1 g, which are the poles in sliding, are all at -bandwidth."""
+        """Compute g such that row g = 1 and the zeros of row (s - A)^-1 g, which are the poles in sliding, are all at -bandwidth.
+
+        A (n, n) and B (n,) are the matrices of the string with the bit torque as last state, and `row` (n,) gives the
+        top speed. The result has the shape (n,).
+        """
         n = A.shape[0]
         # in sliding x' = (1 - g row) A x: its poles are 0 and the zeros; as L -> infinity, L = l g places n - 1 poles there
         reduced, coupling = _split(A, row)

@@ -36,7 +36,8 @@ class ElasticBody(Renamed):
         Coordinates of the nodes [m], shape (k, 1 to 3). None if they are not known.
     dof_map
         Integers, shape (k, axes): the index in u of the displacement of a node along an axis, -1 if the node is held.
-        By default (None) the entries of u are ordered node by node or, without nodes, one entry per node.
+        By default (None) u contains first all axes of node 0, then all axes of node 1, and so on. If `nodes` is None,
+        too, entry i of u is the only displacement of node i.
     faces
         {name of a part of the surface: areas [m2] that belong to each node, shape (k,), 0 away from the part}. In a
         plane model lengths replace areas.
@@ -50,6 +51,14 @@ class ElasticBody(Renamed):
     Notes
     -----
     Source: textbook (finite elements).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import ElasticBody
+    >>> body = ElasticBody(mass=np.diag([1.0, 1.0]), stiffness=np.array([[2e6, -1e6], [-1e6, 1e6]]))
+    >>> print(body.size, "displacements, natural frequencies", body.frequencies("1 kHz").round(1), "Hz")
+    2 displacements, natural frequencies [ 98.4 257.5] Hz
     """
 
     mass: Any
@@ -110,9 +119,10 @@ class ElasticBody(Renamed):
         Parameters
         ----------
         mass, stiffness, damping
-            Paths of the files. Without the last one there is no damping.
+            Paths of the files. If `damping` is None, the body has no damping.
         names
-            {"mass": name of the matrix in its MAT file, ...}. Needed if a file holds several matrices.
+            {"mass", "stiffness" or "damping": name of the matrix in its MAT file}. Needed if a file holds several
+            matrices.
         places
             nodes, dof_map and faces, as for `ElasticBody`.
 
@@ -124,7 +134,8 @@ class ElasticBody(Renamed):
         Raises
         ------
         SceneError
-            If a file cannot be read, or if it holds no matrix of that name or several matrices.
+            If a file cannot be read, or if it holds no matrix of the given name. Also if it holds several matrices and
+            no name is given.
         """
         names = names or {}
         paths = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})
@@ -160,12 +171,13 @@ class ElasticBody(Renamed):
         return replace(self, **matrices, dof_map=number[self.dof_map])
 
     def point(self, node: int, axis: str) -> np.ndarray:
-        """Return the port that is the displacement of one node along an axis, shape (n,)."""
+        """Return the port that is the displacement of the node with index `node` along an axis ("x", "y" or "z"), as weights w of shape (n,)."""
         return self._weighted(np.array([node]), np.ones(1), axis)
 
     def mean(self, face: str, axis: str) -> np.ndarray:
-        """Return the port that is the area-weighted mean displacement of a face along an axis, shape (n,). A force on this port is a uniform
-        traction.
+        """Return the port that is the area-weighted mean displacement of a face along an axis, as weights w of shape (n,).
+
+        A force on this port is a uniform traction.
         """
         chosen = self.face_nodes(face)
         return self._weighted(chosen, self.faces[face][chosen], axis)
@@ -173,13 +185,13 @@ class ElasticBody(Renamed):
     def node_row_ports(self, face: str, along: str, axis: str) -> list[np.ndarray]:
         """Return one port for each row of nodes of a face: the mean displacement of the row along `axis`.
 
-        A row consists of the nodes with the same coordinate `along` an axis. The rows are in the order of this
-        coordinate.
+        A row consists of the nodes with the same coordinate along the axis `along`. The rows are in the order of this
+        coordinate. Each port has the shape (n,).
         """
         return [self._weighted(row, self.faces[face][row], axis) for row in self._rows(face, along)]
 
     def node_row_areas(self, face: str, along: str) -> np.ndarray:
-        """Return the areas [m2] of the rows of a face, in the order of `node_row_ports`.
+        """Return the areas [m2] of the rows of nodes of a face, shape (rows,), in the order of `node_row_ports`.
 
         An area times a pressure is the normal load of the row on a smooth plate under uniform pressure.
         """
@@ -200,8 +212,9 @@ class ElasticBody(Renamed):
     def reduced(self, ports: Mapping[str, np.ndarray], band: NumberOrText = 0.0, tolerance: float = 0.01) -> ReducedBody:
         """Return the body in a few coordinates (Craig-Bampton reduction).
 
-        The coordinates are the displacements of the ports, and as many modes with fixed ports as the band needs. The
-        static response to forces on ports is exact, and rigid-body motions are kept.
+        The coordinates are the displacements of the ports and the amplitudes of modes with fixed ports. The number of
+        modes is as large as the accuracy up to `band` requires. The static response to forces on ports is exact, and
+        rigid-body motions are kept.
 
         Parameters
         ----------

@@ -18,10 +18,10 @@ class ElasticFace(ContactBody):
 
     - A contact i consists of the ports with its number. With `tangent` ("x", "y") and `normal` "z" these are `x.i` and
       `y.i` along the plate and `z.i` above it.
-    - With `normal` the contacts open and close under their own pressure. Alternatively they carry the constant normal
-      `loads`.
-    - A spring and a damper to ground may act on one port, `support_port`. A body may have further springs to ground
-      (`ReducedBody.mounted`).
+    - With `normal` the contacts open and close under the pressure that the motion gives. With `loads` in place of
+      `normal` they stay closed under these constant normal loads.
+    - A spring and a damper to ground may act on one port, `support_port`. For springs to ground on other ports use
+      `ReducedBody.mounted`.
 
     Signals:
 
@@ -30,6 +30,15 @@ class ElasticFace(ContactBody):
     - Gives all ports [m].
 
     Range of validity: small strains and small rotations; up to hundreds of contacts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import ElasticFace, ReducedBody
+    >>> body = ReducedBody(("x.0", "x.1"), np.eye(2), np.zeros((2, 2)), np.array([[1e6, -1e6], [-1e6, 1e6]]))
+    >>> face = ElasticFace(body, tangent=("x",), loads=(5.0, 10.0))
+    >>> print(face.problem().contacts, "contacts,", face.problem().size, "coordinates")
+    2 contacts, 2 coordinates
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})

@@ -26,7 +26,8 @@ class ElasticPad(Component):
     `into.i`, with the displacement y_i into the disc. A spring k_c represents lining and disc. q is counted from the
     unloaded pad. a_i is the distance by which the disc is pushed into contact i (preload).
 
-    With one rigid mass on two springs the model equals `SquealingPad` with the preload k_c a, but the contact may open.
+    With one rigid mass on two springs the model equals `SquealingPad` with the preload k_c a. In contrast to
+    `SquealingPad` the contact may open.
 
     - Needs the signals `disc.speed` v_disc [m/s] (default: the field) and `pad.push` [N] (default 0), a force on the
       port `force_ports`. It pushes the pad into the disc if the positive direction of that port points into the disc.
@@ -35,6 +36,15 @@ class ElasticPad(Component):
     - Elements: `touch.i` with the modes "open" and "closed", and `pad.i` with the modes "stick" and "slip+/-".
 
     Range of validity: small strains, the same disc speed under all contacts, about ten contacts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import ElasticPad, ReducedBody
+    >>> body = ReducedBody(("along.0", "into.0"), np.eye(2), np.zeros((2, 2)), np.array([[2e6, 1e6], [1e6, 2e6]]))
+    >>> pad = ElasticPad(body, initial_approach=(1e-5,), contact_stiffness=1e6)
+    >>> print(f"unstable above a friction coefficient of {pad.flutter_friction(up_to=3.0):.3f}")
+    unstable above a friction coefficient of 1.250
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})
@@ -151,7 +161,7 @@ class ElasticPad(Component):
         )
 
     def poles(self, friction: float | None = None) -> np.ndarray:
-        """Compute the eigenvalues of steady sliding with constant friction, with all closed contacts slipping.
+        """Compute the eigenvalues of steady sliding with constant friction, if all closed contacts slip.
 
         The set of closed contacts is taken from `steady_sliding_displacement`.
 
@@ -182,7 +192,8 @@ class ElasticPad(Component):
         return found[np.argsort(-found.real)]
 
     def flutter_friction(self, up_to: float = 2.0, tolerance: float = 1e-6) -> float:
-        """Find the smallest coefficient of friction at which steady sliding becomes unstable. inf if no coefficient up to `up_to` does.
+        """Find the smallest coefficient of friction at which steady sliding becomes unstable. inf if steady sliding is
+        stable up to the coefficient `up_to`.
 
         The search scans 200 coefficients and refines the first unstable one by bisection, with the eigenvalues of
         `poles`. It may miss an unstable range that is narrower than one step of the scan. Without damping the poles of
@@ -195,6 +206,11 @@ class ElasticPad(Component):
             Largest coefficient of friction of the search.
         tolerance
             Absolute tolerance of the bisection.
+
+        Returns
+        -------
+        float
+            The coefficient [1].
         """
 
         def unstable(mu: float) -> bool:

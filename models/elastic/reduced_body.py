@@ -35,9 +35,9 @@ MATRICES = ("mass", "damping", "stiffness")
 class ReducedBody(Renamed):
     """Elastic body in a few coordinates q, the displacements of its ports and amplitudes of modes: M q'' + C q' + K q = forces on the ports.
 
-    `ElasticBody.reduced` makes it from finite elements. Matrices that another program has reduced can be used directly.
-    Two reduced bodies with the same ports, matrices and contacts are equal. In a scene file a body is the path of a
-    file that `save` has written, or a table of these attributes.
+    `ElasticBody.reduced` makes such a body from finite elements. Matrices that another program has reduced can be given
+    directly. Two reduced bodies with the same ports, matrices and contacts are equal. In a scene file a body is the
+    path of a file that `save` has written, or a table of these attributes.
 
     Attributes
     ----------
@@ -62,6 +62,14 @@ class ReducedBody(Renamed):
     SceneError
         If a name is not text or occurs twice, or if matrices are not finite, not symmetric, of different sizes, or too
         small for the ports.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import ReducedBody
+    >>> body = ReducedBody(("tip",), np.diag([1.0, 0.5]), np.zeros((2, 2)), np.diag([1e6, 4e6]))
+    >>> print(body.size, "coordinates,", body.modes, "mode,", "port", body.index("tip"))
+    2 coordinates, 1 mode, port 0
     """
 
     ports: tuple[str, ...]
@@ -119,7 +127,7 @@ class ReducedBody(Renamed):
 
     @classmethod
     def load(cls, path: str | Path) -> ReducedBody:
-        """Read a body from a file of `save`. Reading never executes code from the file.
+        """Read a body from a file that `save` has written. Reading never executes code from the file.
 
         Raises SceneError if the file is missing, damaged, or holds no body.
         """
@@ -140,12 +148,12 @@ class ReducedBody(Renamed):
 
     @property
     def size(self) -> int:
-        """Number of coordinates."""
+        """Number of coordinates q: ports and modes."""
         return len(self.mass)
 
     @property
     def modes(self) -> int:
-        """Number of kept modes with fixed ports."""
+        """Number of modes with fixed ports that the reduction kept: `size` minus the number of ports."""
         return self.size - len(self.ports)
 
     def index(self, port: str) -> int:
@@ -166,8 +174,10 @@ class ReducedBody(Renamed):
 
     @functools.cached_property
     def controllable_body(self) -> ReducedBody:
-        """Return the body without modes that no force on its ports can move, such as modes that a symmetry keeps at rest: their motion would
-        be round-off."""
+        """Return the body without modes that no force on its ports can move, such as modes that a symmetry keeps at rest.
+
+        The motion of such modes in a simulation would be round-off.
+        """
         p, size = len(self.ports), np.sqrt(np.diag(self.mass))
         links = np.abs(self.mass / np.outer(size, size)) + np.abs(self.damping) / max(np.abs(self.damping).max(), 1e-300)
         links += np.abs(self.stiffness) / np.abs(self.stiffness).max()
@@ -189,6 +199,11 @@ class ReducedBody(Renamed):
         ----------
         mounts
             {port: (stiffness [N/m], damping [N s/m])}, both >= 0.
+
+        Returns
+        -------
+        ReducedBody
+            The body with the mounts.
         """
         if not isinstance(mounts, Mapping):
             raise SceneError(f"Argument `mounts` must map ports to (stiffness, damping), but it is {mounts!r}.")

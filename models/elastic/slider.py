@@ -24,7 +24,7 @@ class ElasticSlider(Component):
     `toolbox.contacts.press_contacts`.
 
     The spring and the damper act on the port `support_port`. Their defaults and the default friction are the same as
-    for `Slider`. The body may have further ports and modes.
+    for `Slider`. The body may also have other ports, and modes.
 
     - Needs the signals `slider.pull` [N] (default 0) at `support_port` and `plate.speed` [m/s] (default 0).
     - Gives the signals `slider.position` [m] and `slider.speed` [m/s] of `support_port`, `plate.drag` [N], the friction
@@ -32,11 +32,11 @@ class ElasticSlider(Component):
     - States: `slider.displacement` z and `slider.rate` q'.
     - Elements: `plate.i`, the contacts in order, with the modes "stick" and "slip+/-".
 
-    In z the contacts are counted from `support_port`: q_c = z_c + z_held. Reason: strains are nanometres while the
-    slider moves by millimetres, so round-off of the motion would appear as forces of the body. The energy balance of a
-    cube on a plate closes to 2e-14 with z and to 6e-9 with q.
+    In z the displacements of the contacts are counted from the displacement of `support_port`: q_c = z_c + z_held.
+    Reason: strains are nanometres while the slider moves by millimetres, so round-off of the motion would appear as
+    forces of the body. The energy balance of a cube on a plate closes to 2e-14 with z and to 6e-9 with q.
 
-    Advice for models of this kind, which are stiff:
+    Advice for elastic sliders, whose equations are stiff:
 
     - Give the material some damping. Otherwise the fastest mode rings through the whole run.
     - Keep only modes that the drive excites. A mode that stays at the size of round-off still needs short time steps.
@@ -44,6 +44,15 @@ class ElasticSlider(Component):
 
     Range of validity: small strains, loads that do not depend on the motion, about thirty contacts. For more contacts,
     or contacts that open, use `toolbox.contacts.step_contacts`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import ElasticSlider, ReducedBody
+    >>> from toolbox import compose
+    >>> body = ReducedBody(("held", "contact.0"), np.eye(2), np.zeros((2, 2)), np.array([[1e6, -1e6], [-1e6, 1e6]]))
+    >>> print(compose(ElasticSlider(body, loads=(10.0,))))
+    HybridSystem(ElasticSlider): 4 states (slider.displacement, slider.rate); contacts: plate.0; inputs: slider.pull [N], plate.speed [m/s]
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})

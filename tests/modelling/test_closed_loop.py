@@ -31,7 +31,7 @@ def test_a_loop_prints_the_gains_that_one_types_into_the_drive():
     assert f"proportional {math.sqrt(k * below):.4g} N m s/rad" in text
     assert f"integral {k / below * top:.4g} N m/rad" in text
     assert "reference 45 rpm" in text and "every 10 ms" in text and "'soft torque'" in text
-    assert "proportional 900 N m s/rad" in str(LOOP.at("softtorque.proportional", 900.0))
+    assert "proportional 900 N m s/rad" in str(LOOP.at("pi.proportional", 900.0))
 
 
 def test_numbers_of_numpy_are_those_of_python_everywhere():
@@ -111,9 +111,9 @@ def test_a_loop_of_a_loop_keeps_what_is_not_given_anew():
 # name, kind, unit, and another value of every kind of number
 KINDS = [
     ("bit.weight", "input", "N", 9e4), ("top.reference", "input", "rad/s", 6.0), ("bit.friction.static", "parameter", "1", 0.7),
-    ("chain.inertia.0", "parameter", "kg m2", 2000.0), ("softtorque.proportional", "parameter", "N m s/rad", 900.0), ("softtorque.detuning", "design", "1", 2.0),
+    ("chain.inertia.0", "parameter", "kg m2", 2000.0), ("pi.proportional", "parameter", "N m s/rad", 900.0), ("softtorque.detuning", "design", "1", 2.0),
     ("softtorque.sample_time", "sample time", "s", 0.02), ("softtorque.delay", "delay", "s", 0.02),
-    ("bit.speed", "start", "rad/s", 3.0), ("softtorque.angle", "start", "rad", 2.0),
+    ("bit.speed", "start", "rad/s", 3.0), ("pi.angle", "start", "rad", 2.0),
 ]  # fmt: skip
 
 
@@ -148,7 +148,7 @@ def test_two_names_of_one_state_may_not_say_different_start_values():
 def test_a_number_that_only_the_design_knows_designs_the_law_anew():
     detuned = LOOP.at("softtorque.detuning", 2.0)
     assert detuned == closed_loop(LOOP, SoftTorque(reference="45 rpm", detuning=2.0), sample_time="10 ms")
-    assert detuned.number("softtorque.proportional").value == pytest.approx(LOOP.number("softtorque.proportional").value / 2, rel=1e-14)
+    assert detuned.number("pi.proportional").value == pytest.approx(LOOP.number("pi.proportional").value / 2, rel=1e-14)
     assert closed_loop(LOOP, parameters={"softtorque.detuning": 2.0}) == detuned
     with pytest.raises(SceneError, match=r"`softtorque.detuning` must be an input or a parameter for `hopf_points`, but only the design"):
         LOOP.differentiable_number("softtorque.detuning", "hopf_points")
@@ -157,7 +157,7 @@ def test_a_number_that_only_the_design_knows_designs_the_law_anew():
 def test_a_sample_time_is_a_number_by_which_the_law_is_sampled():
     """Both the clock and the formulas of the law know it."""
     slower = LOOP.at("softtorque.sample_time", "20 ms")
-    assert slower.assembly.clocks == [(0.02, 0.0)] and slower.system.parameter("softtorque.sample_time") == 0.02
+    assert slower.assembly.clocks == [(0.02, 0.0)] and slower.system.parameter("pi.sample_time") == 0.02
     assert (
         slower
         == closed_loop(LOOP, SoftTorque(reference="45 rpm"), sample_time="20 ms")

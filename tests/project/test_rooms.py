@@ -93,6 +93,21 @@ def test_no_files_import_one_another_in_a_circle(imports):
             del above[path]
 
 
+def test_only_compilation_and_the_files_llvm_of_translation_know_llvm(root):
+    instruction = re.compile(
+        r"\b(?:alloca|getelementptr|f(?:add|sub|mul|div|neg|cmp)|phi|inttoptr|shufflevector)\b [^\"]*[{%]|\bbr (?:i1|label) "
+    )
+    writing, loading = set(), set()
+    for path in (root / "toolbox").rglob("*.py"):
+        text, place = path.read_text(encoding="utf-8"), path.relative_to(root / "toolbox").as_posix()
+        if instruction.search(text) and room(path.relative_to(root)) != "compilation":
+            writing.add(place)
+        if re.search(r"^ *(?:import|from) llvmlite", text, re.MULTILINE):
+            loading.add(place)
+    assert writing == {"translation/llvm_language.py", "translation/llvm_module.py"}
+    assert loading == {"compilation/emitter.py"}
+
+
 def test_no_room_bears_the_name_of_a_public_function():
     import toolbox
 

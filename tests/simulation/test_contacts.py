@@ -131,6 +131,36 @@ def test_a_damped_contact_opens_at_zero_force_and_loses_what_its_spring_still_he
     assert run["ball.height"][-1] == pytest.approx(-20.0 / 1e4, rel=1e-5)
 
 
+@dataclass(frozen=True)
+class Flyer(Component):
+    """A mass that flies against a wall of Hunt and Crossley, N = k d (1 + c d'), whose damping is an expression of the closure."""
+
+    mass: float = quantity(2.0, "kg", above=0)
+    stiffness: float = quantity(1e4, "N/m", above=0)
+    damping: float = quantity(0.5, "s/m", at_least=0)
+
+    def equations(self, signal):
+        x, v = state("flyer.position", "m"), state("flyer.speed", "m/s")
+        wall = UnilateralContact("wall", x, v, stiffness=self.stiffness, damping=self.damping * self.stiffness * x)
+        kinetic = self.mass * v**2 / 2
+        return Equations(flow={x: v, v: -wall.force / self.mass}, elements=[wall], stored=kinetic + wall.stored, losses={"wall": wall.loss})
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+def test_a_wall_of_hunt_and_crossley_gives_back_the_speed_of_its_closed_form(damping):
+    # m v dv/dd = -k d (1 + c v): v/c - ln(1 + c v)/c^2 is a function of d^2 alone, and the same before and after
+    run = simulate(compose(Flyer(damping=damping)), 0.5, start={"flyer.position": -0.1, "flyer.speed": 2.0}, accuracy=1e-9)
+    back = -run["flyer.speed"][-1]
+
+    def kept(v):
+        return damping * v - np.log1p(damping * v)
+
+    expected = brentq(lambda v: kept(-v) - kept(2.0), 1e-6, 1.99) if damping else 2.0
+    assert back == pytest.approx(expected, rel=1e-7)
+    assert [event.after for event in run.events] == ["closed", "open"]
+    assert energy_audit(run).relative < 1e-7
+
+
 def test_stiff_contacts_tend_to_the_rigid_one():
     rigid = simulate(compose(Ball(restitution=1.0)), 1.2, start={"ball.height": 1.0})
     gaps = []

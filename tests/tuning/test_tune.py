@@ -235,9 +235,9 @@ def test_numbers_of_nested_laws_and_of_those_that_design_fills_in_can_be_free():
 
 
 def test_a_number_of_a_designed_law_is_changed_where_it_acts_as_in_a_sweep():
-    law, box = SoftTorque(reference=9.9), {"softtorque.proportional": (500.0, 2e3)}
+    law, box = SoftTorque(reference=9.9), {"pi.proportional": (500.0, 2e3)}
     found = tune(rig(), law, "severity", box, runs=10)
-    swept = sweep(closed_loop(rig()["stiff"], law), {"softtorque.proportional": [trial.numbers[0] for trial in found.trials]}, metrics="severity")
+    swept = sweep(closed_loop(rig()["stiff"], law), {"pi.proportional": [trial.numbers[0] for trial in found.trials]}, metrics="severity")
     assert [value for ((value,),) in (trial.values for trial in found.trials)] == pytest.approx(
         swept["severity"], rel=1e-5, abs=1e-6
     )  # the accuracy of the runs
@@ -246,8 +246,8 @@ def test_a_number_of_a_designed_law_is_changed_where_it_acts_as_in_a_sweep():
         closed_loop(RIG, law).designed_controllers[0], proportional=best
     )  # a PI with the integral that was designed
     tuned = closed_loop(rig()["stiff"], found.law)
-    assert tuned.number("softtorque.integral").value == closed_loop(RIG, law).number("softtorque.integral").value
-    with pytest.raises(SceneError, match="designed otherwise in each scene, as SoftTorque is, but it holds `softtorque.proportional`"):
+    assert tuned.number("pi.integral").value == closed_loop(RIG, law).number("pi.integral").value
+    with pytest.raises(SceneError, match="designed otherwise in each scene, as SoftTorque is, but it holds `pi.proportional`"):
         others = {"rig": rig(), "longer": dataclasses.replace(rig(), parts=(wells.NAVARRO_LOPEZ_4, BitRock()))}
         tune(others, law, "severity", box, runs=10)
 

@@ -75,11 +75,11 @@ def fit(
     columns
         {signal: column of the log}. By default columns have the names of signals. `Recording.of` describes the forms.
     free
-        Names of the unknowns. Each search begins at their values in the loop, and at zero shift. They are any numbers
-        of the loop:
+        Names of the unknowns. The first search begins at their values in the loop, and at zero shift. A name is the
+        name of any number of the loop:
 
         - parameters (`bit.friction.static`), constant inputs (`top.torque`), start values (`bit.speed`,
-          `chain.twist.0`) and others;
+          `chain.twist.0`) and so on;
         - time shifts by which a channel was recorded too late: `bit.speed.shift` of one signal, or `bit.shift` of all
           measured signals of `bit` that are no inputs.
     ranges

@@ -20,9 +20,9 @@ POINTS = 60
 
 @dataclass(frozen=True)
 class Identification(Fit):
-    """Friction and mass that recordings determine, and the numbers that they do not determine: a `Fit` with its friction curve.
+    """Friction and mass of an axis or a joint, the result of `identify`: a `Fit` with its friction curve.
 
-    `print(found)`, `found.plot()` and `found.plot_residuals()` show it.
+    `print(found)`, `found.plot()` and `found.plot_residuals()` show the result.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Identification(Fit):
     display_units
         {SI unit: unit that was typed}: the units of report and figure.
     untold
-        {number that the data do not determine: the reason, and the experiment that would determine it}.
+        {number that the recordings do not determine: the reason, and an experiment that would determine the number}.
     points
         Friction in the data: speed and force, shape (2, points).
     curve
@@ -45,7 +45,16 @@ class Identification(Fit):
     curve_units
         Units of speed and force of `points` and `curve`.
     recordings
-        Description of the recordings.
+        Description of the recordings as text.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from toolbox import identify
+    >>> speed = np.linspace(0.05, 0.6, 12)
+    >>> found = identify({"axis.speed": speed, "axis.force": 5.0 + 35.0 * speed}, fixed="axis.force_offset")
+    >>> print(f"{found['rail.friction.viscous']:.2f} from {found.points.shape[1]} points")
+    35.00 from 12 points
     """
 
     untold: Mapping[str, str] = field(default_factory=dict)

@@ -33,7 +33,8 @@ class Recording(Result):
     time
         Increasing times [s] from 0, shape (nt,).
     signals
-        {name in the plant: values in its SI unit, shape (nt,)}. nan if a sample is no data.
+        {name of the signal in the plant: values in the SI unit of the signal, shape (nt,)}. nan for samples that are no
+        valid data.
     source
         Origin of the signals.
     units
@@ -43,7 +44,7 @@ class Recording(Result):
     notes
         Description of how the log was read.
     begin
-        Time [s] in the whole recording at which this part of it begins.
+        If this is a part of a recording: the time [s] in the whole recording at which the part begins. Otherwise 0.
     held
         Inputs that keep the value of a sample until the next one (zero-order hold), such as the commands of a digital
         drive. All other signals are interpolated linearly. None: not declared, so that `fit` estimates which inputs are
@@ -205,12 +206,12 @@ class Recording(Result):
         plant
             The plant.
         max_gap
-            Samples that may be missing in a row, 2 where it is left out.
+            Largest number of consecutive samples that may be missing, by default 2.
 
         Raises
         ------
         SceneError
-            If a longer gap would have to be bridged; the message names the windows without one.
+            If more consecutive samples are missing. The message names the windows without such a gap.
         """
         measured = [name for name in self.signals if name in plant.inputs]
         if not measured:
@@ -225,7 +226,11 @@ class Recording(Result):
         }
 
     def unbroken(self, names: Sequence[str], what: str, max_gap: int = 2, remedy: str = "") -> None:
-        """Raise SceneError if the named signals have a gap. The message names the windows without a gap, in times of the whole recording."""
+        """Raise SceneError if the named signals have a gap of more than `max_gap` samples.
+
+        The message names the windows without a gap, in times of the whole recording. `what` is the description of the
+        signals in the message, and `remedy` an advice at its end.
+        """
         stretches = self.windows(names, max_gap)
         if len(stretches) != 1:
             found = ", ".join(f"{self.begin + begin:.6g} .. {self.begin + end:.6g} s" for begin, end in stretches[:8])
@@ -242,19 +247,21 @@ class Recording(Result):
 
     @property
     def gap(self) -> float:
-        """Time between neighbouring samples that counts as a gap [s], derived from the spacing of the whole recording."""
+        """Time between neighbouring samples that counts as a gap [s], computed from the time between samples of the whole recording."""
         return spacing(self.time)[1]
 
     @property
     def gaps(self) -> np.ndarray:
-        """Whether there is a gap between each sample and the next, by the rate around it, shape (nt - 1,)."""
+        """For each sample but the last: whether there is a gap between this sample and the next, judged by the sampling
+        rate around it. Shape (nt - 1,).
+        """
         return np.diff(self.time) > local_spacing(self.time)[1]
 
     def resampled(self, interval: NumberOrText) -> Recording:
         """Return the recording at equidistant times.
 
-        Each value is the mean of the samples around it if they are denser than the new times, else the linear
-        interpolation between neighbours. Inside gaps it is nan.
+        If the samples are denser than the new times, each value is the mean of the samples around the new time.
+        Otherwise it is interpolated linearly between the neighbouring samples. Inside gaps it is nan.
 
         Parameters
         ----------
@@ -280,9 +287,9 @@ class Recording(Result):
     def shift(self, name: str, against: str, max_lag: NumberOrText = 5.0) -> float:
         """Return the delay of one channel relative to another [s].
 
-        It is the shift with the highest correlation of the changes of both channels, interpolated between samples by a
-        parabola. If both channels follow the same quantity, it is the shift of the clock. Between a cause and its
-        effect it also contains the delay of the machine.
+        The delay is the shift with the highest correlation of the changes of both channels, interpolated between
+        samples by a parabola. If both channels measure the same quantity, the delay is the difference of their clocks.
+        If one channel measures the cause of the other, the delay also contains the delay of the machine.
 
         Parameters
         ----------
@@ -320,8 +327,9 @@ class Recording(Result):
         return float(step * (lags[best] + (0.5 * (left - right) / bend if bend else 0.0)))
 
     def shifted(self, shifts: Mapping[str, NumberOrText]) -> Recording:
-        """Return the recording with channels moved to earlier times by their shifts {name: s}. The times stay, and values are nan if there is no
-        measurement.
+        """Return the recording with some channels moved to earlier times by their shifts, {channel: shift [s]}.
+
+        The times of the recording stay the same. A value is nan if its channel has no measurement at the shifted time.
         """
         signals = dict(self.signals)
         for name, value in shifts.items():

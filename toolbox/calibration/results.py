@@ -22,7 +22,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 
 @dataclass(frozen=True)
 class Fit(Told, Result):
-    """Estimates of a fit: `fit["bit.friction.static"]`, `fit.interval(name)`, `fit.parameters`, `fit.plant`, `print(fit)`, `fit.plot()`.
+    """Estimates of numbers of a machine, the result of `fit`: `found["bit.friction.static"]`, `found.interval(name)`, `print(found)`, `found.plot()`.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Fit(Told, Result):
     condition_number
         Condition number of the scaled Jacobian.
     at_bounds
-        Names that ended at a bound, or at another number.
+        Names of numbers whose estimate is at a bound, or at the limit that another number sets.
     agreeing_starts, starts
         Number of searches that ended at this optimum, and number of all searches.
     data_description
@@ -49,9 +49,9 @@ class Fit(Told, Result):
     misfit
         The model and the data. None after loading, because a file holds no loop and no plant.
     fixed_by
-        {name: reason} for names that cannot reach their optimum, because another number limits them.
+        {name: reason} for numbers that cannot reach their optimum, because another number limits them.
     unidentifiable
-        Names that have no influence while others are at a limit. They have no estimate.
+        Names of numbers without influence while other numbers are at a limit. They have no estimate.
     sampling_errors
         Estimated error of each number due to the sampling of measured inputs, shape (k,).
     display_units
@@ -62,11 +62,23 @@ class Fit(Told, Result):
         {signal: deviation of its first samples from the model}, if the simulation begins at another state than the
         machine.
     held
-        {measured input with zero-order hold: increase of the log-likelihood over linear interpolation}. Infinite if it
-        was declared.
+        {measured input with zero-order hold: log-likelihood with zero-order hold minus log-likelihood with linear
+        interpolation}. inf if the hold was declared by the user.
     indistinguishable_friction
         The friction law whose static and kinetic friction the data cannot distinguish, such as "bit.friction.". Empty
-        if they can.
+        if the data can distinguish them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, fit
+    >>> speed = np.linspace(2.0, 20.0, 50)
+    >>> torque = 97e3 * 0.155575 * (0.45 + 0.35 * np.exp(-0.9 * speed)) + np.random.default_rng(1).normal(0.0, 20.0, 50)
+    >>> log = {"time": np.arange(50.0), "bit.speed": speed, "bit.torque": torque}
+    >>> found = fit(compose(wells.JANSEN_2, BitRock(weight="97 kN")), log, ["bit.friction.kinetic"], contact="bit")
+    >>> print(f"{found['bit.friction.kinetic']:.3f}, standard error {found.standard_errors[0]:.4f}")
+    0.450, standard error 0.0002
     """
 
     names: tuple[str, ...]
@@ -126,7 +138,7 @@ class Fit(Told, Result):
 
     @property
     def loop(self) -> ClosedLoop:
-        """The calibrated loop with the measured inputs."""
+        """The loop with the estimates in place of its declared numbers, and with the measured inputs."""
         return self._machine.at(self.values)
 
     @property
@@ -140,12 +152,12 @@ class Fit(Told, Result):
 
     @property
     def plant(self) -> HybridSystem:
-        """The calibrated plant."""
+        """The plant with the estimates in place of its declared parameters."""
         return self.loop.assembly.plant.with_parameters(self.parameters)
 
     @property
     def white(self) -> bool:
-        """Whether all residuals are without structure at the significance level 0.05."""
+        """Whether the test for structure in the residuals finds none in any of them, at the significance level 0.05."""
         return all(residual.whiteness >= 0.05 for residual in self.residuals)
 
     def _told(self) -> list[str | Rows]:

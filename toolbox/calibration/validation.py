@@ -21,7 +21,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 
 @dataclass(frozen=True)
 class Validation(Result):
-    """Comparison of simulation and measurement: `print(validation)`, `validation.plot()`, `validation.save("beside.npz")`.
+    """Comparison of simulation and measurement, the result of `validate`: `print(found)`, `found.plot()`, `found.save("comparison.npz")`.
 
     Attributes
     ----------
@@ -36,6 +36,18 @@ class Validation(Result):
     initial_mismatch
         {signal: deviation of its first samples from the simulation}, if the simulation begins at another state than the
         machine.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.calibration import validate
+    >>> time = np.linspace(0.0, 10.0, 101)
+    >>> run = simulate(compose(BlockOnBelt()), 10.0, output_times=time)
+    >>> found = validate(compose(BlockOnBelt()), {"time": time, "block.position": run["block.position"] + 0.01})
+    >>> print(f"{found.residuals[0].rms:.3f} m rms")
+    0.010 m rms
     """
 
     residuals: tuple[Residual, ...]

@@ -21,7 +21,7 @@ from toolbox.vocabulary import Renamed
 
 @dataclass(frozen=True)
 class Window:
-    """Part of a log, with free numbers that have their own values there.
+    """Part of a log for `fit`. Some free numbers may have a separate value in each part.
 
     Attributes
     ----------
@@ -65,9 +65,9 @@ class Search:
         Number of searches, and seed of their starts. The first search begins at the declared values. The others begin
         at random values between the bounds, or between half and twice the declared value.
     robust
-        Limit for outliers, as a multiple of the robust standard deviation (from the median). Samples beyond it are left
-        out and reported, if they are at most a twentieth of a signal. A few samples with the wrong sign would move an
-        estimate by many of its confidence intervals. None keeps all samples.
+        Limit for outliers, as a multiple of the robust standard deviation (from the median). Samples beyond this limit
+        are left out and reported, if they are at most 1/20 of the samples of a signal. Reason: a few samples with the
+        wrong sign would move an estimate by many times its confidence interval. None keeps all samples.
     accuracy
         Accuracy of the runs, as in `simulate`.
     growing
@@ -96,14 +96,14 @@ class Search:
 
 @dataclass(frozen=True)
 class MeasuredContact(Renamed):
-    """A contact whose law is fitted to its measured loop, without simulation.
+    """A contact whose friction law is fitted to measured force over measured slip, without simulation, for `fit`.
 
     Attributes
     ----------
     name
-        The contact.
+        Name of the contact.
     standstill_speed
-        Slip speeds up to this count as stick; by default a hundredth of the largest.
+        Slip speeds up to this value count as stick. By default 1/100 of the largest measured slip speed.
 
     Examples
     --------

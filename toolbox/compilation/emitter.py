@@ -382,6 +382,21 @@ def _processor(llvm: Any) -> tuple[str, str]:
     return (name, "") if name else (llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
 
 
+def register_width() -> int:
+    """How many doubles a vector register of this processor holds."""
+    import llvmlite.binding as llvm
+
+    return 8 if llvm.get_host_cpu_features().get("avx512f") else 4
+
+
+def compiler() -> str:
+    """Versions of what writes machine code, and the kind of machine that it writes for."""
+    import llvmlite
+    import llvmlite.binding as llvm
+
+    return f"{llvmlite.__version__} {llvm.llvm_version_info} {llvm.get_default_triple()}"
+
+
 def _target() -> Any:
     """This machine, for which code is written."""
     import llvmlite.binding as llvm

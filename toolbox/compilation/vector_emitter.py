@@ -112,7 +112,59 @@ class VectorBody(Body):
         """Whole numbers as integers."""
         return self.value(f"fptosi {self.type} {a} to {self.integers}")
 
+    # --- memory, blocks and functions of the lanes' own
+    def place(self, word: str, size: int | None = None) -> str:
+        """Memory for one vector, or for `size` of them, made where the function begins; returns its address."""
+        name = f"%{word}{self.count}"
+        self.count += 1
+        room = f"{self.type}, align {min(8 * self.width, 64)}" if size is None else f"[{size * self.width} x double], align 64"
+        self.lines.insert(0, f"  {name} = alloca {room}")
+        return name
+
+    def renewed(self, pointer: str) -> str:
+        """The same address as one that the optimiser does not know, so that it keeps nothing that it has loaded from there."""
+        return self.value(f'call ptr asm "", "=r,0"(ptr {pointer})')
+
+    def spread(self, pointer: str, place: int) -> str:
+        """One double of an array, in every lane."""
+        one = self.value(f"load double, ptr {self.value(f'getelementptr double, ptr {pointer}, i64 {place}')}")
+        first = self.value(f"insertelement {self.type} poison, double {one}, i64 0")
+        return self.value(f"shufflevector {self.type} {first}, {self.type} poison, <{self.width} x i32> zeroinitializer")
+
+    def block(self, label: str) -> None:
+        """Go on in a block of its own."""
+        self.lines += [f"  br label %{label}", f"{label}:"]
+
+    def branch(self, flag: str, yes: str, no: str, following: str) -> None:
+        """Go to one of two blocks by a truth, and go on writing in the block `following`."""
+        self.lines += [f"  br i1 {flag}, label %{yes}, label %{no}", f"{following}:"]
+
+    def from_block(self, truth: str, there: str, here: str) -> str:
+        """Truths where the block before is `there`, false where it is `here`."""
+        return self.value(f"phi {self.references} [ {truth}, %{there} ], [ zeroinitializer, %{here} ]")
+
+    def keep_function(self, name: str, written: VectorBody) -> None:
+        """Keep a function that works on vectors in memory, with its text; `call_on` calls it."""
+        head = f"define internal void @{name}(ptr noalias %c) noinline nounwind {{"
+        self.functions[name] = "\n".join([head, "entry:", *written.lines, "  ret void", "}"])
+        self.declarations |= written.declarations
+
+    def call_on(self, name: str, pointer: str) -> None:
+        """Call such a function."""
+        self.lines.append(f"  call void @{name}(ptr {pointer})")
+
     # --- words for what casadi has no instruction for
+    def negative(self, a: str) -> str:
+        return self.value(f"fneg {self.type} {a}")
+
+    def mul_rounded(self, a: str, b: str) -> str:
+        """a b, rounded before anything is added to it."""
+        return self.value(f"fmul {self.type} {a}, {b}")
+
+    def add_rounded(self, a: str, b: str) -> str:
+        """a + b of numbers that are rounded."""
+        return self.value(f"fadd {self.type} {a}, {b}")
+
     def fused(self, a: str, b: str, c: str) -> str:
         """a b + c with one rounding."""
         return self.intrinsic("fma", a, b, c)
@@ -122,6 +174,16 @@ class VectorBody(Body):
 
     def either(self, a: str, b: str) -> str:
         return self.value(f"or {self.references} {a}, {b}")
+
+    def opposite(self, a: str) -> str:
+        """Truths that hold where others do not."""
+        return self.value(f"xor {self.references} {a}, <{', '.join(['i1 true'] * self.width)}>")
+
+    def in_any(self, a: str) -> str:
+        """Whether a truth holds in any lane."""
+        name = f"@llvm.vector.reduce.or.v{self.width}i1({self.references}"
+        self.declarations.add(f"declare i1 {name})")
+        return self.value(f"call i1 {name} {a})")
 
     def rough_log2(self, x: str) -> str:
         """Binary logarithm of a positive number to one part in a hundred, as `toolbox.stepping.event_stepper` takes it for step sizes."""
@@ -249,8 +311,7 @@ def _circular(which: str) -> Callable[[VectorBody, str], str]:
 
     def write(body: VectorBody, x: str) -> str:
         odd = body.compare("ugt", body.intrinsic("fabs", x), body.number(LARGEST_ANGLE))
-        any_odd = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.references} {odd})")
-        body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.references})")
+        any_odd = body.in_any(odd)
         body.declarations.add(SELDOM)
         body.lines += [f"  br i1 {any_odd}, label %odd, label %usual, !prof !0", "odd:"]
         slow = body.lane_by_lane(which, x)

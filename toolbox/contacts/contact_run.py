@@ -94,6 +94,17 @@ class ContactRun(Renamed):
         The `ContactProblem`.
     wall_time
         Computing time [s].
+
+    Examples
+    --------
+    >>> from models import AxialChain, Coulomb, TorsionalChain, string_on_wall
+    >>> from toolbox.contacts import step_contacts
+    >>> axial = AxialChain(mass=(5000.0,), stiffness=(4e6,), damping=(2e5,))
+    >>> torsional = TorsionalChain(inertia=(2000.0, 100.0), stiffness=(2000.0,), damping=(80.0,))
+    >>> string = string_on_wall(axial, torsional, radius=0.1, loads=(5000.0,), friction=Coulomb(0.3, 0.3))
+    >>> run = step_contacts(string, "10 s", step=0.02, inputs={"hook.speed": -0.1})
+    >>> print(f"{run.friction_work[-1, 0]:.0f} J of friction work in {run.end:.0f} s")
+    1499 J of friction work in 10 s
     """
 
     problem: ContactProblem
@@ -142,16 +153,16 @@ class ContactRun(Renamed):
         return np.linalg.norm(self.tangential, axis=2) / self.problem.contact_areas
 
     def share(self, mode: str = "stick") -> np.ndarray:
-        """Return the fraction of the area of all contacts that is in a mode ("stick", "slip" or "open"), shape (t,)."""
+        """Return the fraction of the total contact area that is in a mode ("stick", "slip" or "open"), shape (t,)."""
         return (self.contact_modes == _code(mode)) @ self.problem.contact_areas / self.problem.contact_areas.sum()
 
     def last(self, mode: str = "stick") -> float:
-        """Return the last instant at which a contact is in a mode. nan if there is no such instant."""
+        """Return the last instant [s] with at least one contact in a mode. nan if there is no such instant."""
         found = np.flatnonzero((self.contact_modes == _code(mode)).any(axis=1))
         return float(self.time[found[-1]]) if found.size else float("nan")
 
     def first(self, mode: str) -> float:
-        """Return the first instant at which all contacts are in a mode. nan if there is no such instant."""
+        """Return the first instant [s] with all contacts in a mode. nan if there is no such instant."""
         found = np.flatnonzero((self.contact_modes == _code(mode)).all(axis=1))
         return float(self.time[found[0]]) if found.size else float("nan")
 
@@ -167,8 +178,9 @@ class ContactRun(Renamed):
     def audit(self) -> dict[str, float]:
         """Return the energy balance of the run [J].
 
-        supplied = stored + friction + damping + impacts + stepping + missing. `stepping` is the error of the time
-        stepping, which falls with the step. `missing` is round-off. `size` is the largest of these energies.
+        supplied = stored + friction + damping + impacts + stepping + missing. `stepping` is the energy error of the
+        time stepping, which decreases with the step. `missing` is the rest, which is round-off. `size` is the largest
+        of these energies.
         """
         energy = self.energy
         stored = energy.kinetic + energy.elastic
@@ -265,7 +277,7 @@ class ContactRun(Renamed):
         Raises
         ------
         SceneError
-            If the file is not one that `save` wrote, or there is no such friction law.
+            If `save` did not write this file, or the class of its friction law has not been imported.
         """
         what = "a run written by `ContactRun.save`"
         with understood(Path(path), what):
@@ -333,8 +345,8 @@ class ContactRun(Renamed):
     def plot(self) -> Any:
         """Draw fractions of the area and contact forces over time and, if the positions are known, the face at four instants.
 
-        Between these instants there are equal numbers of mode changes. Pressure and traction are drawn at the last of
-        them, and the friction work at the end. Returns the axes.
+        The instants are chosen so that the numbers of mode changes between them are equal. Pressure and traction are
+        drawn at the last of the four instants, and the friction work at the end of the run. Returns the axes.
         """
         from toolbox.contacts.figures import draw_run
 
@@ -356,9 +368,9 @@ class ContactRun(Renamed):
         return {f"tangential {i}": self.tangential[:, :, i].sum(axis=1) for i in range(self.problem.directions)}
 
     def plot_map(self, time: NumberOrText | None = None, values: str = "mode", ax: Any = None) -> Any:
-        """Draw the face at an instant [s], by default at the end: values "mode", "pressure", "traction" or "friction_work" of every contact.
+        """Draw a quantity of every contact on the face at an instant [s], by default at the end of the run.
 
-        Returns the axes.
+        `values` chooses the quantity: "mode" (default), "pressure", "traction" or "friction_work". Return the axes.
         """
         from toolbox.contacts.figures import draw_field, draw_modes
 
@@ -378,7 +390,11 @@ class ContactRun(Renamed):
         return draw_field(plane, factor * field, f"{values.replace('_', ' ')} [{unit}]", ax)
 
     def animate(self, path: Any, frames: int = 60, seconds: float = 6.0) -> None:
-        """Write an animation (.gif) of stick, slip and open contacts on the face, beside the fraction that sticks."""
+        """Write an animation (.gif) that shows which contacts of the face stick, slip and are open, and the fraction of
+        the area that sticks over time.
+
+        `frames` is the number of pictures (default 60), and `seconds` the length of the animation [s] (default 6).
+        """
         from toolbox.contacts.figures import write_animation
 
         if self.problem.contact_positions is None:

@@ -147,7 +147,7 @@ class ContactProblem(Renamed):
         return self.units.get(name, "N" if name in self.force_inputs else "m/s" if name in self.surface_velocity else "m")
 
     def output_unit(self, name: str) -> str:
-        """Return the unit of an output. If an input has the same name, `units` holds the unit of the input and the output is in m."""
+        """Return the unit of an output. If an input has the same name, `units` holds the unit of the input, and the unit of the output is m."""
         return "m" if name in self.force_inputs or name in self.surface_velocity else self.unit(name)
 
     @property
@@ -162,12 +162,14 @@ class ContactProblem(Renamed):
 
     @property
     def directions(self) -> int:
-        """Tangential directions of a contact, 1 or 2."""
+        """Number of tangential directions of a contact, 1 or 2."""
         return int(self.tangent.shape[1])
 
     def displacements(self) -> np.ndarray:
-        """Rows of the displacements of all contacts, shape (m, n): first the closures, if contacts can open, then the tangential displacements,
-        contact by contact.
+        """Return the rows that give the displacements of all contacts from the coordinates, shape (m, n).
+
+        The first rows are the closures, if contacts can open. Then follow the tangential displacements, contact by
+        contact.
         """
         sliding = self.tangent.reshape(-1, self.size)
         return sliding if self.normal is None else np.vstack([self.normal, sliding])
@@ -182,8 +184,23 @@ class ContactProblem(Renamed):
 class ContactBody(Renamed):
     """Body with many contacts, for scene files. Write your own body as a frozen dataclass: declare numbers with `quantity` and write `problem`.
 
-    Classes of a registered package, or of a file that is given with `--load`, are in the catalogue, like parts of a
-    plant. See `ContactScene`.
+    Scene files can name classes of a registered package, and classes of a file that is given with `--load`. See
+    `ContactScene`.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from models import Coulomb
+    >>> from toolbox import Quantity, quantity
+    >>> from toolbox.contacts import ContactBody, ContactProblem
+    >>> @dataclass(frozen=True)
+    ... class Cube(ContactBody):
+    ...     mass: Quantity = quantity(2.0, "kg", "mass of the cube", above=0)
+    ...
+    ...     def problem(self):
+    ...         return ContactProblem([[self.mass]], [[1e4]], [[[1.0]]], Coulomb(0.3, 0.3), load=[10.0], outputs={"back": [1.0]})
+    >>> print(Cube().problem().contacts, "contact")
+    1 contact
     """
 
     def __post_init__(self) -> None:

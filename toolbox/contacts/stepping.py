@@ -66,10 +66,11 @@ def step_contacts(
         One controller or several, each a `Controller`, a `Sampled` with its own period, delay and sensors, or a
         callable (t, y) -> u.
     sample_time
-        Sample time [s] of controllers that have none of their own. Periods and delays must be whole numbers of steps.
+        Sample time [s] of controllers that have no sample time of their own. Periods and delays must be whole numbers
+        of steps.
     start
-        A run of a problem with as many coordinates and contacts, such as the result of `press_contacts`. The new run
-        begins at its end. By default the body begins at rest with q = 0.
+        A run of a problem with the same numbers of coordinates and contacts, such as the result of `press_contacts`.
+        The new run begins at the end of this run. By default the body begins at rest with q = 0.
 
     Returns
     -------
@@ -120,9 +121,9 @@ def instants(duration: NumberOrText, step: NumberOrText, begin: float = 0.0) -> 
 def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None = None, *, frictionless: bool = False) -> ContactRun:
     """Compute the state of rest of a body under constant inputs, by one static step from q = 0.
 
-    Use it for normal loads from statics, and as the start of a run. Tangential forces follow Coulomb's law for
-    loading in one step from the unloaded state. The contacts must hold all rigid motions that the stiffness leaves
-    free: a body that can escape along a motion of zero stiffness has no state of rest.
+    Use this function to compute normal loads from statics, and the start of a run. Tangential forces follow Coulomb's
+    law for loading in one step from the unloaded state. The contacts must hold all rigid motions that the stiffness
+    leaves free: a body that can escape along a motion of zero stiffness has no state of rest.
 
     Parameters
     ----------

@@ -78,18 +78,20 @@ class ControllerAnswer:
 
 @dataclass(frozen=True)
 class Answers(Told, Result):
-    """Answers for the controllers of one plant: `print(found)` shows them, `found["soft torque"].lowest["takeover"]` is a single answer.
+    """Answers for the controllers of one plant, the result of `answers`. `print(found)` shows them, `found["soft
+    torque"]` holds the answers of one controller.
 
     Attributes
     ----------
     title
         The plant.
     initial_controller
-        The controller whose stick-slip is taken over.
+        The controller whose stick-slip the judged controllers take over.
     parameter, unit, nominal_value
         The set-point that is varied, its unit, and its value in the scene.
     bounds, step
-        Range of set-points that was searched, and its step. nan without a search.
+        Range of set-points in which the lowest set-point was searched, and distance of neighbouring set-points. nan
+        without a search.
     results
         {label of a controller: its answers}.
     failed
@@ -221,7 +223,7 @@ class Answers(Told, Result):
         return headings, rows
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the lowest set-points of every controller from each start. Without a search, draw the number of successful runs. Return the axes.
+        """Draw the lowest set-points of every controller from each start. Without a search, draw the numbers of successful runs. Return the axes.
 
         Parameters
         ----------

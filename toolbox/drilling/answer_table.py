@@ -55,33 +55,43 @@ def answers(
     checkpoint: str | Path | None = None,
     callback: Callable[[Answers], None] | None = None,
 ) -> Answers:
-    """Judge for each controller of a plant if it ends stick-slip, after which starts and above which set-point.
+    """Find for each controller of a plant whether the controller ends stick-slip, for several starts, and above a lowest set-point.
 
-    Each controller is designed once, at the set-point of its loop, which is then turned like a knob. At that set-point it takes over the stick-slip of the
-    initial controller, starts from rest by a step and by a ramp of the set-point, and goes through a connection: weight off, 90 s without, and on again in 10,
-    20 and 60 s. Its own stick-slip is looked for from many starts. With `bounds` the lowest set-point that holds is searched for each of these starts.
+    Each controller is designed once, at the set-point of its loop. Its gains stay the same at all other set-points. At
+    the set-point of the loop it is tested from these starts:
+
+    - it takes over the stick-slip of the initial controller;
+    - it starts the string from rest, by a step and by a ramp of the set-point;
+    - it runs through a connection: the weight is taken off, stays off for 90 s, and returns within 10, 20 or 60 s;
+    - it runs from its own stick-slip, which is searched from many start values.
+
+    With `bounds` the lowest successful set-point is searched for each of these starts.
 
     Parameters
     ----------
     loops
         {label: loop} of one plant with different controllers.
     initial_controller
-        The controller whose stick-slip is taken over, such as `StiffPI()`.
+        The controller whose stick-slip the judged controllers take over, such as `StiffPI()`.
     bounds, step
-        Range of set-points that is searched, and distance of its grid, numbers in SI or text with units; no search by default. The step is 1/40 of the range
-        by default.
+        Range (low, high) of set-points in which the lowest set-point is searched, and distance of neighbouring
+        set-points, in SI or text with units. By default there is no search. With `bounds` the step is by default 1/40
+        of the range.
     uncertainty
-        {number: share, or several factors} as in `worst_case`; by default 10 % of the weight to either side, if the plant has one.
+        {number of the loop: fraction of its value to either side, or several factors}, as in `worst_case`. By default
+        10 % of the weight on bit to either side, if the plant has a weight on bit.
     phases
-        Number of instants of the cycle at which a controller takes over.
+        Number of instants of the stick-slip cycle at which a controller takes over.
     duration
-        Time for which a run lasts at least [s]; what it has not decided by then is carried on.
+        Shortest length of a run [s]. A run whose outcome is not decided at this time is continued.
     title
-        What the plant is called.
+        Name of the plant in the tables.
     checkpoint
-        Path of a file (JSON lines) in which the outcomes of single set-points are kept, so that a search that was stopped goes on.
+        Path of a file (JSON lines) for the outcomes of single set-points. A search that was stopped continues from this
+        file.
     callback
-        Called with the answers so far after each controller, first without and then with its lowest set-points.
+        Function that is called with the answers so far: for each controller once before and once after the search of
+        its lowest set-points.
 
     Returns
     -------
@@ -91,7 +101,8 @@ def answers(
     Raises
     ------
     SceneError
-        If a loop has no set-point, a range is none, no loop is given, or `checkpoint` holds anything but an earlier search with these arguments.
+        If a loop has no set-point, `bounds` is no range, no loop is given, or `checkpoint` belongs to a search with
+        other arguments.
 
     Examples
     --------

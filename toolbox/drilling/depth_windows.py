@@ -38,14 +38,15 @@ HALVINGS = 4
 
 @dataclass(frozen=True)
 class Windows(Told, Result):
-    """Windows of smooth running over depth. `print(found)` shows one line per depth and weight, `found.plot()` draws one figure per depth.
+    """Windows without stick-slip over depth, the result of `windows`. `print(found)` shows one line per depth and
+    second value, `found.plot()` draws one figure per depth.
 
     Attributes
     ----------
     title
         The controller and how it runs.
     names, units
-        The two numbers, and their units in SI.
+        Names of the two numbers of the windows, such as set-point and weight on bit, and their units in SI.
     first_low, first_high
         Ends of the range of the first number, in SI.
     depths
@@ -162,7 +163,7 @@ def windows(
     shape: tuple[int, int] = (13, 7),
     checkpoint: str | Path | None = None,
 ) -> Windows:
-    """Find the windows of speed and weight without stick-slip for a controller, over the depth of a well.
+    """Find the windows of set-point and weight on bit in which a controller runs without stick-slip, at several depths of a well.
 
     Parameters
     ----------
@@ -179,14 +180,15 @@ def windows(
     second_values
         Values of the second number at which windows are read. By default five over its range.
     shape
-        Number of points of the map of a depth along both numbers.
+        Number of grid points along both numbers, for the map of each depth.
     checkpoint
         Folder that keeps the points of all maps. A search that was interrupted continues from this folder.
 
     Returns
     -------
     Windows
-        The windows. `found.severity_maps[i].plot()` draws both branches of a depth.
+        The windows. `found.severity_maps[i].plot()` draws the map of depth number i, from smooth running and from
+        stick-slip.
 
     Raises
     ------

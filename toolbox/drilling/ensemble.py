@@ -52,9 +52,16 @@ HARDER = np.linspace(0.4, 2.0, 9)
 
 @dataclass(frozen=True)
 class Knowledge(Renamed):
-    """Prior knowledge of machine and measurement. Numbers of the machine are log-normal around the nominal numbers.
+    """Prior knowledge about machine and measurement, for `estimate` and `EnsembleFilter`. Numbers of the machine are
+    log-normal around the nominal numbers.
 
-    One setting is used for stick-slip and for smooth running. Give the real noise of your measurement.
+    The same values are used during stick-slip and during smooth running. Give the real noise of your measurement.
+
+    Examples
+    --------
+    >>> from toolbox.drilling import Knowledge
+    >>> print(f"{100 * Knowledge(rock_strength=0.1).rock_strength:.0f} % uncertainty of the rock strength")
+    10 % uncertainty of the rock strength
     """
 
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
@@ -69,7 +76,9 @@ class Knowledge(Renamed):
     rock_correlation_time: Quantity = quantity(60.0, "s", "time in which the strength of the rock changes", above=0)
 
     def check(self) -> None:
-        """Raise SceneError if nothing about the rock is uncertain: identical members learn nothing."""
+        """Raise SceneError if nothing about the rock is uncertain. All members of the ensemble would then be identical,
+        and a measurement would not change them.
+        """
         if self.rock_strength == 0 and self.load_variation == 0:
             raise SceneError(
                 "Argument `rock_strength` must be above 0 where `load_variation` is 0, because members that are alike learn nothing, but it is 0."
@@ -78,7 +87,7 @@ class Knowledge(Renamed):
 
 @dataclass(frozen=True)
 class Estimate(Renamed):
-    """Estimates at a sample: pairs (mean, standard deviation) in SI, and two probabilities.
+    """Estimates at a sample, the result of `EnsembleFilter.step`: pairs (mean, standard deviation) in SI, and two probabilities.
 
     Attributes
     ----------
@@ -91,12 +100,21 @@ class Estimate(Renamed):
     severity
         Severity of stick-slip in the last 1.25 periods of the string [1].
     onset_margin
-        Mean bit speed of this time minus the border below which smooth running is lost [rad/s]. nan if no controller is
-        known.
+        Mean bit speed over the last 1.25 periods of the string, minus the speed below which smooth running is lost
+        [rad/s]. nan if the loop has no controller.
     probability_stuck
-        Fraction of the members that stick now.
+        Fraction of the members whose bit sticks at this sample.
     probability_stick_slip
-        Fraction of the members that have stuck within this time.
+        Fraction of the members whose bit has stuck within the last 1.25 periods of the string.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.drilling import EnsembleFilter
+    >>> estimate = EnsembleFilter(compose(wells.JANSEN_2, BitRock(weight="97 kN")), members=16).step(0.1, torque=11e3, speed=10.0)
+    >>> print(f"bit speed {estimate.bit_speed[0]:.1f} rad/s, probability of sticking {estimate.probability_stuck:.2f}")
+    bit speed 10.0 rad/s, probability of sticking 0.00
     """
 
     top_speed: tuple[float, float]
@@ -117,17 +135,18 @@ def check_string(plant: HybridSystem) -> None:
 
 
 class EnsembleFilter:
-    """Ensemble of strings that follows a rig: call `step` at every sample, in real time or along a log.
+    """Ensemble Kalman filter that estimates the motion of the bit from the surface measurements. Call `step` at every
+    sample, in real time or along a log.
 
     Parameters
     ----------
     loop
-        A loop, or a plant: a drill string with a chain of inertias and a rock. For a loop with a controller of
-        `top.reference` the border of smooth running is known too.
+        A loop, or a plant: a drill string with a chain of inertias and a rock. For a loop with a controller that
+        follows `top.reference`, the speed below which smooth running is lost is computed, too.
     knowledge
-        Prior knowledge of machine and measurement.
+        Prior knowledge about machine and measurement. By default `Knowledge()`.
     members
-        Number of strings, >= 8.
+        Number of simulated strings, >= 8.
     seed
         Seed of the random numbers.
 
@@ -135,6 +154,17 @@ class EnsembleFilter:
     ------
     SceneError
         If the plant is no drill string with a chain of inertias and a rock.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.drilling import EnsembleFilter
+    >>> ensemble = EnsembleFilter(compose(wells.JANSEN_2, BitRock(weight="97 kN")), members=16)
+    >>> for speed in (10.0, 10.1, 10.1):
+    ...     estimate = ensemble.step(0.1, torque=11e3, speed=speed)
+    >>> print(f"top speed {estimate.top_speed[0]:.1f} rad/s")
+    top speed 10.1 rad/s
     """
 
     def __init__(self, loop: ClosedLoop | HybridSystem, knowledge: Knowledge | None = None, *, members: int = 64, seed: int = 0):
@@ -200,7 +230,7 @@ class EnsembleFilter:
         return np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, self.count]))
 
     def get_memory(self) -> FloatArray:
-        """Return the memory that determines the next estimates."""
+        """Return the memory that determines the next estimates, as one array of floats."""
         states = np.zeros((self.members, self.rollout.n)) if self.states is None else self.states
         single = (self.count, self.time, self.surprise, self.since, self.filled, self.now, self.states is not None)
         return np.concatenate([single, *(each.ravel() for each in (states, self.logs, self.load, self.ring))])
@@ -216,7 +246,7 @@ class EnsembleFilter:
         self.logs, self.load, self.ring = logs.reshape(n, 4), load, ring.reshape(ROWS, n)
 
     def step(self, duration: float, torque: float, speed: float, weight: float | None = None) -> Estimate:
-        """Predict to the next sample and include its measurements.
+        """Predict the ensemble to the next sample, and correct it by the measurements of this sample.
 
         Parameters
         ----------
@@ -224,11 +254,12 @@ class EnsembleFilter:
             Time since the last sample [s]. It has no effect at the first sample.
         torque
             Torque of the drive over this time [N m]: the mean of the measurements at both ends, or the command that was
-            held. nan if it is not known: the string then continues with the torque that it carries.
+            held. nan if it is not known: the prediction then uses the torque that the string carries.
         speed
             Measured top speed [rad/s]. nan if it was not measured.
         weight
-            Measured weight on bit [N]. If it is None or nan, the last value is used, at first the declared one.
+            Measured weight on bit [N]. If it is None or nan, the last known value is used. Before the first known
+            value, the declared weight is used.
 
         Returns
         -------

@@ -49,10 +49,20 @@ CALM_STRING = (
 
 
 class Detector:
-    """Detector of stick-slip, from a sequence of estimates.
+    """Detector that decides from a sequence of estimates whether the bit sticks and slips.
 
-    Stick-slip begins when the speed range is nearly as large as the mean speed and half of the members have stuck. It
-    ends when the range has become small.
+    Stick-slip is reported from the sample on at which the range of the bit speed is nearly as large as its mean and
+    half of the members have stuck. The report ends when the range has become small.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.drilling import Detector, EnsembleFilter
+    >>> detector, ensemble = Detector(), EnsembleFilter(compose(wells.JANSEN_2, BitRock(weight="97 kN")), members=16)
+    >>> reports = [detector(ensemble.step(0.1, torque=11e3, speed=10.0)) for _ in range(3)]
+    >>> print(sum(reports), "of", len(reports), "samples with stick-slip")
+    0 of 3 samples with stick-slip
     """
 
     def __init__(self) -> None:
@@ -91,17 +101,29 @@ class Estimates(Told, Result):
     members
         Number of members of the ensemble.
     measured_samples
-        Number of samples with a top speed.
+        Number of samples with a measured top speed.
     display_units
         {SI unit: unit that was typed}.
     notes
-        Unknown quantities with the reason, times at which ensemble and torque disagree, and signs that the machine is
-        not the machine of the log.
+        Notes for the reader: quantities that are unknown, with the reason; times at which ensemble and torque disagree
+        about stick-slip; and signs that the log comes from another machine than the given plant.
     torque_swing
-        Stick-slip index without a model: amplitude of the surface torque at the period of the string, as a fraction of
-        its mean, shape (nt,).
+        Stick-slip index that needs no model: amplitude of the surface torque at the natural period of the string, as a
+        fraction of the mean torque, shape (nt,).
     sampling_too_slow
         Whether the sampling of the log is too slow to show stick-slip, shape (nt,).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.drilling import estimate
+    >>> time = np.linspace(0.0, 20.0, 201)
+    >>> log = {"time": time, "top.torque": np.full(201, 11e3), "top.speed": np.full(201, 12.0)}
+    >>> found = estimate(compose(wells.JANSEN_2, BitRock(weight="97 kN")), log, members=16)
+    >>> print(found.measured_samples, "samples,", found.mean["bit_speed"].shape)
+    201 samples, (201,)
     """
 
     title: str
@@ -119,12 +141,12 @@ class Estimates(Told, Result):
 
     @property
     def units(self) -> dict[str, str]:
-        """{what is estimated: its unit}."""
+        """{name of an estimate, such as "bit_speed": SI unit}."""
         return dict(UNITS)
 
     @property
     def spells(self) -> list[tuple[float, float]]:
-        """Begin and end of each time of stick-slip [s], as it was reported. A gap of the log ends such a time."""
+        """(begin, end) of each interval of time in which stick-slip is reported [s]. A gap of the log ends an interval."""
         return _stretches(self.time, self.stick_slip)
 
     def _told(self) -> list[str | Rows]:
@@ -178,7 +200,7 @@ class Estimates(Told, Result):
         return estimate_diagram(self, axes)
 
     def check_loaded(self) -> None:
-        """Give rows of a file of an earlier version their names now. Raise ValueError if the loaded arrays do not fit together."""
+        """Rename rows of a file of an earlier version to the present names. Raise ValueError if the loaded arrays do not fit together."""
         for word in ("mean", "deviation"):
             object.__setattr__(self, word, {new_field(Estimate, name): each for name, each in getattr(self, word).items()})
         if {*self.mean} != {*UNITS} or {*self.deviation} != {*UNITS} or any(each.shape != self.time.shape for each in self.mean.values()):
@@ -207,7 +229,7 @@ def estimate(
     columns
         {signal: column of the log}. By default columns have the names of signals. `Recording.of` describes the forms.
     knowledge
-        Prior knowledge of machine and measurement.
+        Prior knowledge about machine and measurement. By default `Knowledge()`.
     members
         Number of members of the ensemble.
     seed

@@ -69,7 +69,8 @@ class CheckedDepth:
 
 @dataclass(frozen=True)
 class Schedule(Told, Result):
-    """Gains over depth with their checks: `print(found)` shows the table, `found.to_csv(path)` writes the gains, `found.plot()` draws both.
+    """Gains over depth with the results of their checks, the result of `schedule`: `print(found)` shows the table,
+    `found.to_csv(path)` writes the gains.
 
     Attributes
     ----------
@@ -82,9 +83,9 @@ class Schedule(Told, Result):
     names, units
         The numbers of the controller that change with depth, and their units in SI.
     gains
-        Their values, shape (depths, numbers).
+        Values of these numbers, shape (depths, numbers).
     checked
-        Results of the checks at every depth of the table, and halfway between.
+        Results of the checks at every depth of the table, and halfway between neighbouring depths.
     display_units
         {SI unit: unit that was typed}: the units in which `print` answers.
     controller
@@ -94,6 +95,15 @@ class Schedule(Told, Result):
     all_gains
         All numbers of the controller at the depths of the table, including those that do not change. None after
         loading.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from toolbox.drilling import Schedule
+    >>> table = {"depths": (1500.0, 2500.0), "names": ("pi.proportional",), "units": ("N m s/rad",), "gains": np.array([[486.0], [376.0]])}
+    >>> found = Schedule("soft torque", "100 s", **table, checked=(), display_units={})
+    >>> print(found.gains_at("2000 m"))
+    {'pi.proportional': 431.0}
     """
 
     title: str
@@ -110,11 +120,11 @@ class Schedule(Told, Result):
 
     @property
     def holds(self) -> bool:
-        """Whether every run at every depth is a success."""
+        """Whether every run succeeds, at every depth that was checked."""
         return not any(each.failed for each in self.checked)
 
     def gains_at(self, depth: NumberOrText) -> dict[str, float]:
-        """Return {number: value} at a depth [m]: linear between the rows of the table, constant outside."""
+        """Return {number: value in SI} at a depth [m]: linear between the rows of the table, constant outside the table."""
         depth = number("depth", depth, "m", at_least=0)
         return {name: float(np.interp(depth, self.depths, self.gains[:, k])) for k, name in enumerate(self.names)}
 
@@ -184,8 +194,8 @@ def schedule(
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
 ) -> Schedule:
-    """Design a controller at several depths of a well, interpolate its gains between them, and check it there and
-    halfway between.
+    """Design a controller at several depths of a well, interpolate its gains over depth, and check the interpolated
+    controller at these depths and halfway between them.
 
     Parameters
     ----------
@@ -196,8 +206,8 @@ def schedule(
         At least two depths, in metres or text with units, in rising order.
     controller
         A controller that designs itself on the plant of each depth. Or a function depth [m] -> controller, such as a
-        function that tunes it there. All its numbers are interpolated, so that their number must be the same at every
-        depth.
+        function that tunes it there. All numbers of the controller are interpolated, so every depth must have the same
+        numbers.
     duration
         Length of a run [s].
     starts
@@ -206,7 +216,8 @@ def schedule(
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed, and allowed ripple of a command, as fractions of their means [1].
+        Allowed error of the mean speed as a fraction of the set-point [1], and allowed ripple of a command as a
+        fraction of its mean [1].
 
     Returns
     -------

@@ -30,7 +30,7 @@ GOLDEN = 0.6180339887498949
 
 @dataclass(frozen=True)
 class Varying:
-    """Weight on bit that varies about its mean: a sine, or noise.
+    """Variation of the weight on bit about its mean in time: a sine, or noise.
 
     Attributes
     ----------
@@ -39,7 +39,14 @@ class Varying:
     frequency
         Frequency of the sine, or corner frequency of the noise [Hz].
     noise
-        Whether the variation is noise.
+        Whether the variation is noise (True) or a sine (False, default).
+
+    Examples
+    --------
+    >>> from toolbox.drilling import Varying
+    >>> weight = Varying(size=0.1, frequency=0.1).input(97e3, seed=1)
+    >>> print([round(end / 1e3, 1) for end in weight.range()], "kN")
+    [87.3, 106.7] kN
     """
 
     size: float
@@ -47,7 +54,7 @@ class Varying:
     noise: bool = False
 
     def input(self, mean: float, seed: int) -> Any:
-        """Return the weight as a function of time. For a sine, another seed gives another phase."""
+        """Return the weight as an input, with the mean `mean` [N]. The seed is the seed of the noise, or chooses the phase of the sine."""
         varied = (mean, self.size * mean, self.frequency)
         return (
             shapes.noise(*varied, seed=seed)
@@ -58,7 +65,7 @@ class Varying:
 
 @dataclass(frozen=True)
 class Machine(Renamed):
-    """A plant that deviates from the declared plant.
+    """Description of a plant that deviates from the declared plant, for a `Group`.
 
     Attributes
     ----------
@@ -69,9 +76,16 @@ class Machine(Renamed):
     delay
         Additional delay of the commands [s].
     plant
-        Another plant with the same signal names, in place of the declared plant.
+        Plant with the same signal names that replaces the declared plant. None for the declared plant.
     weight_variation
-        Variation of the weight on bit in time.
+        Variation of the weight on bit in time. None for a constant weight.
+
+    Examples
+    --------
+    >>> from toolbox.drilling import Machine
+    >>> machine = Machine("weight +10 %", (("bit.weight", 1.1),), delay=0.03)
+    >>> print(machine.parameter_factors, machine.delay, "s")
+    (('bit.weight', 1.1),) 0.03 s
     """
 
     name: str
@@ -98,10 +112,17 @@ class Group(Renamed):
     takeover_phases
         Phases of the stick-slip cycle at which the controller takes over, as fractions of its period.
     judged_time
-        Length of the time that is judged [s].
+        Time after the takeover after which a run is judged [s], by default 80.
     min_disk_margin
         Smallest allowed disk margin at the border, on the nominal plant and on every plant of the group, if the
         controller has a slope. A border that is confirmed by a long run is raised until it has this margin.
+
+    Examples
+    --------
+    >>> from toolbox.drilling import Group, Machine
+    >>> heavy = Group("heavy", (Machine("weight +10 %", (("bit.weight", 1.1),)),), seeds=(0, 1), takeover_phases=(0.0, 0.5))
+    >>> print(heavy.runs, "runs at one set-point")
+    4 runs at one set-point
     """
 
     name: str
@@ -114,7 +135,7 @@ class Group(Renamed):
 
     @property
     def runs(self) -> int:
-        """Number of runs at one set-point."""
+        """Number of runs at one set-point: plants times seeds times takeover phases."""
         return len(self.machines) * len(self.seeds) * len(self.takeover_phases)
 
     @property
@@ -135,7 +156,7 @@ WEIGHTS = (
 
 @new_names_only
 def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, delay: float = 0.03) -> dict[str, Group]:
-    """Return the groups of plants for `lowest_set_point`, for a drill string with a chain of inertias and a rock.
+    """Return the standard groups of plants for `lowest_set_point`, for a drill string with a chain of inertias and a rock.
 
         nominal          as declared, no noise
         noisy            weight + 10 %, noise, 20 seeds
@@ -223,9 +244,9 @@ def drawn_group(
 ) -> Group:
     """Draw plants with uncertain numbers, as a group for `lowest_set_point`.
 
-    A set-point that frees all of them from stick-slip frees a plant with some probability. If all of 72 draws are
-    free, a plant is free with 95 %, by the two-sided bound of 95 % of Clopper and Pearson. 59 draws show it by a
-    one-sided bound.
+    If a set-point ends the stick-slip of all drawn plants, it also ends the stick-slip of any other plant with these
+    uncertain numbers with some probability. With 72 draws this probability is at least 95 %, by the two-sided bound of
+    Clopper and Pearson at the confidence level 95 %. With the one-sided bound 59 draws are enough.
 
     Parameters
     ----------
@@ -235,7 +256,7 @@ def drawn_group(
         {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
         8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together.
     draws
-        Number of plants.
+        Number of plants, by default 72.
     phases
         Phases of the cycle at which a controller takes over on each plant, as fractions of its period.
     seed

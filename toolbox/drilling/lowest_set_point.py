@@ -92,7 +92,7 @@ def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
 
 @dataclass(frozen=True)
 class SetPointLimit(Renamed):
-    """Lowest set-point of a controller on a group of plants, with the cost of a recovery there.
+    """Lowest set-point of a controller that ends stick-slip on a group of plants, and cost of the recovery at this set-point.
 
     Attributes
     ----------
@@ -101,27 +101,34 @@ class SetPointLimit(Renamed):
     why
         The run that fails one step below it, or at the highest set-point if no set-point is successful.
     highest_set_point
-        Highest successful set-point [rad/s], if the controller fails again above it. Else nan.
+        Highest successful set-point [rad/s]. nan if the controller is successful up to the end of the searched range.
     time_above_setpoint
         Largest fraction of half an hour after the recovery in which the top is more than 10 % above the set-point [1].
     recovery_time
-        Longest time before this with the top so far above the set-point [s]. With a raised set-point it includes the
-        time of raising.
+        Longest time before this half hour in which the top is more than 10 % above the set-point [s]. For a controller
+        that raises its set-point, this time includes the raising.
     max_bit_speed, max_torque
         Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
     max_lifts, relapses_per_hour
-        Largest number of raises from the takeover on, and largest number per hour after the recovery, for a controller
-        that raises its set-point.
+        For a controller that raises its set-point: largest number of raises from the takeover on, and largest number of
+        raises per hour after the recovery.
     max_weight_relief
-        Largest mean fraction of the weight that is removed, for a controller that does so [1].
+        For a controller that reduces the weight on bit: largest mean fraction of the weight that is removed [1].
     growth_rate
         Largest growth rate of a small disturbance of smooth running on any plant [1/s]. Negative if the disturbance
         decays.
     disk_margin, disk_margin_nominal
         Smallest disk margin at this set-point over the plants of the group, and disk margin of the nominal plant [1].
-        nan for a controller without a slope.
+        nan for a controller whose command is no differentiable function of its measurements.
     weakest_plant
         The plant with the smallest disk margin.
+
+    Examples
+    --------
+    >>> from toolbox.drilling import SetPointLimit
+    >>> limit = SetPointLimit(9.5, "at 9.0 rad/s the bit sticks", recovery_time=12.0)
+    >>> print(limit.range, "rad/s")
+    (9.5,) rad/s
     """
 
     lowest_set_point: float
@@ -141,7 +148,7 @@ class SetPointLimit(Renamed):
 
     @property
     def range(self) -> tuple[float, ...]:
-        """The lowest set-point and, if there is one, the highest [rad/s]."""
+        """The lowest successful set-point and, if it is not nan, the highest successful set-point [rad/s]."""
         return (self.lowest_set_point,) if math.isnan(self.highest_set_point) else (self.lowest_set_point, self.highest_set_point)
 
 
@@ -235,14 +242,14 @@ def borders(
 
 @dataclass(frozen=True)
 class LowestSetPoints(Result):
-    """Lowest set-points of controllers on groups of plants.
+    """Lowest set-points of controllers on groups of plants, the result of `lowest_set_point`.
 
     `print(found)` shows the table, `found["soft torque", "one_at_a_time"].lowest_set_point` is a single set-point.
 
     Attributes
     ----------
     initial_controller
-        The controller whose stick-slip is taken over.
+        The controller whose stick-slip the judged controllers take over.
     entries
         {(label of the controller, name of the group, protocol): `SetPointLimit`}.
     bounds, step
@@ -251,6 +258,14 @@ class LowestSetPoints(Result):
         {SI unit: unit that was typed}.
     situation
         The situation for which the verdict holds, in one line.
+
+    Examples
+    --------
+    >>> from toolbox.drilling import LowestSetPoints, SetPointLimit
+    >>> entries = {("soft torque", "nominal", "takeover"): SetPointLimit(9.5, "at 9.0 rad/s the bit sticks")}
+    >>> found = LowestSetPoints("StiffPI", entries, bounds=(1.5, 14.0), step=0.5)
+    >>> print(found["soft torque", "nominal"].lowest_set_point, "rad/s")
+    9.5 rad/s
     """
 
     initial_controller: str
@@ -261,7 +276,7 @@ class LowestSetPoints(Result):
     situation: str = ""
 
     def check_loaded(self) -> None:
-        """Give groups and protocols of a file of an earlier version their names now."""
+        """Rename groups and protocols of a file of an earlier version to the present names."""
         places = (("group", 1), ("protocol", 2))
         for key in list(self.entries):
             entry = self.entries.pop(key)
@@ -279,7 +294,7 @@ class LowestSetPoints(Result):
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
-        """Return the table as text."""
+        """The table as text, one row per controller, group and protocol."""
         speed, torque = reading("rad/s", self.display_units), reading("N m", self.display_units)
         heads = (
             "controller",
@@ -308,7 +323,7 @@ class LowestSetPoints(Result):
 
     @property
     def answer_rows(self) -> list[tuple[str, ...]]:
-        """The columns of `rows` for the answer: set-point and margin, recovery time, and the failure below the set-point."""
+        """The most important columns of `rows`: set-point and margin, recovery time, and the failure below the set-point."""
         told = [k for k in ANSWERING if k < 3 or {row[k] for row in self.rows[1:]} != {"-"}]
         return [tuple(row[k] for k in told) for row in self.rows]
 
@@ -354,7 +369,7 @@ class LowestSetPoints(Result):
         return set_point_diagram(rows, self.bounds[1] * factor, unit, ax)
 
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
-        """Return the entries of both results, in this order."""
+        """Return one result with the entries of this result and then of the other result."""
         return dataclasses.replace(self, entries={**self.entries, **other.entries})
 
 
@@ -412,15 +427,19 @@ def lowest_set_point(
 
         - `nominal`: without noise.
         - `noisy`: weight + 10 %, 20 seeds of noise.
-        - `one_at_a_time`: one deviation of 10 or 20 % on each plant, and delayed commands.
-        - `combined`: three deviations at once.
-        - `other_rocks`: half the decay of the friction with speed. This group is left out for another friction law.
+        - `one_at_a_time`: on each plant one number deviates from its declared value: the inertia of the drive by 10 or
+          20 %, the inertia below the drive, the stiffness or the weight by 20 %. On one plant the commands are delayed
+          instead.
+        - `combined`: on each plant the inertia of the drive, the inertia below the drive and the stiffness deviate by
+          20 % at once.
+        - `other_rocks`: half the decay of the friction with speed. This group is left out if the friction law of the
+          rock has no number `decay`.
         - `varying_weight`: noise of 2 and 5 %, a sine of 5 % at 0.17 Hz, and a heave of 10 % at 0.1 Hz, with ten time
           series each.
 
-        The noise is the noise of the loop on `top.speed`, else 0.01 rad/s. On one plant of `one_at_a_time` the commands
-        are delayed by 30 ms more. `machine_groups(loop, delay=...)` of `toolbox.robustness` gives the groups with
-        another delay.
+        The noise is the noise that the loop declares on `top.speed`, otherwise 0.01 rad/s. The additional delay on one
+        plant of `one_at_a_time` is 30 ms. `toolbox.drilling.machine_groups(loop, delay=...)` gives the groups with a
+        different delay.
     protocols
         `takeover`, `ramp` or both.
     bounds
@@ -451,10 +470,8 @@ def lowest_set_point(
         If the loop is not a drill string with one sampled controller, a group or a protocol is unknown, a number is not
         finite or out of range, or a controller cannot be sent to an executor.
 
-    Notes
-    -----
-    The results hold for the nominal plant, noise and seeds. A controller in Python begins at rest. Its search is
-    hundreds of times slower.
+    Notes ----- The results hold for the nominal plant, noise and seeds. For a controller in Python the runs begin at
+    rest, and the search is hundreds of times slower.
 
     Examples
     --------

@@ -169,9 +169,10 @@ def to_control(controller: Controller | Sampled | ClosedLoop, *, outputs: str | 
     - The inputs of the system are the measured signals and then the set-points. The outputs are the actuated signals.
       Their names are the names that `linearise` gives them.
     - The system describes deviations from the operating point (y0, u0). `system.law` holds the operating point and the
-      signal names of the toolbox, so `from_control(to_control(controller))` is the controller again. Systems that
-      python-control computes from this system have no `law`.
-    - A controller gives its output with its sign, so close the loop with `control.feedback(plant, controller, sign=1)`.
+      signal names of the toolbox, so `from_control(to_control(controller))` is the controller again. A system that
+      python-control computes from this system has no attribute `law`.
+    - The outputs have the sign with which they act on the plant. Close the loop with `control.feedback(plant,
+      controller, sign=1)`.
     - Delay, noise and resolution of a `Sampled` controller are not in the system. Multiply the system by 1 / z for
       every sample of delay, or use `toolbox.margins`, which includes the delay.
 
@@ -313,11 +314,13 @@ def export_c(
       nothing.
     - `NAME_step_with` does the same with other gains. `NAME_gains` writes the gains of the controller. Gains that
       Python would refuse are refused with NAME_OUTSIDE.
-    - The input `top.torque.held` is the torque that acts until this sample, 0 if no torque acts. At its first sample
-      the controller takes over from this torque (bumpless start).
-    - The caller owns the memory. Delays, noise and the hold between samples belong to the machine.
-    - A controller that is no casadi expression may have a design with a method `export_c(c, h, period)`, which writes
-      the code. `LinearMPC` has one. It adds a solver in a folder NAME_osqp and has no gains.
+    - The input `top.torque.held` in y is the torque that acts before this sample, 0 if no torque acts. At its first
+      sample the controller begins at this torque (bumpless start).
+    - The caller allocates the memory. The code contains no delays, no noise and no hold between samples, because the
+      real machine has them.
+    - A controller that is no casadi expression can be exported if the object that its `design` returns has a method
+      `export_c(c, h, period)`, which writes the code. `LinearMPC` has such a method. Its code contains a solver in a
+      folder NAME_osqp and has no gains.
 
     **A loop**, or a plant without controllers, becomes a folder NAME with NAME.c, NAME.h, an example main.c,
     CMakeLists.txt and README.md, for programs that simulate it:
@@ -331,7 +334,7 @@ def export_c(
       delays and noise.
     - All variables are in one struct, so a copy of the struct is a saved state.
     - A call makes a bounded number of steps and switches. It returns NAME_OVERRUN if more are needed.
-    - The function runs the loop once over `duration`, to check that the run succeeds.
+    - Before `export_c` writes the code, it simulates the loop once over `duration`, to check that the run succeeds.
 
     Parameters
     ----------
@@ -342,7 +345,7 @@ def export_c(
         For a controller the path of either file, with or without suffix. For a loop the folder. The name of the file or
         folder is the NAME of the functions.
     part
-        "law" for the controller, or "loop". By default the controller if there is one.
+        "law" for the controller, or "loop". By default "law" if the loop has a controller, otherwise "loop".
     duration
         Time over which the accuracy of a loop is promised [s]. By default the duration of its scene. The machine can
         run on after it.
@@ -357,9 +360,9 @@ def export_c(
     Raises
     ------
     SceneError
-        If NAME is not a valid name in C, or a file cannot be written. For a controller: if the loop contains anything
-        but one sampled Controller, or the controller is no casadi expression. For a loop: if it is stiff, so that it
-        needs implicit steps, or one of its controllers is no casadi expression.
+        If NAME is not a valid name in C, or a file cannot be written. For a controller: if the loop does not contain
+        exactly one `Sampled` with a `Controller`, or this controller is no casadi expression. For a loop: if it is
+        stiff, so that it needs implicit steps, or one of its controllers is no casadi expression.
     SimulationError
         If the run fails.
 

@@ -67,7 +67,7 @@ def export_fmu(
     path
         The file. Its name without suffix is the name of the unit.
     part
-        "law" for the controller, or "loop". By default the controller if there is one.
+        "law" for the controller, or "loop". By default "law" if the loop has a controller, otherwise "loop".
     duration
         Time over which the accuracy of a loop is promised [s]. By default the duration of its scene. The unit can run
         on after it.
@@ -88,8 +88,9 @@ def export_fmu(
     ------
     SceneError
         If the name is not a valid name in C, the file cannot be written, there is no C compiler (`CC`, or `cc`), or the
-        compiler fails. For a controller: if the loop contains anything but one sampled Controller, or the controller is
-        no casadi expression. For a loop: if it is stiff, or one of its controllers is no casadi expression.
+        compiler fails. For a controller: if the loop does not contain exactly one `Sampled` with a `Controller`, or
+        this controller is no casadi expression. For a loop: if it is stiff, or one of its controllers is no casadi
+        expression.
 
     Examples
     --------

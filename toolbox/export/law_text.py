@@ -22,10 +22,29 @@ OUTSIDE = 12
 
 @dataclass(frozen=True)
 class Declared:
-    """Signals and memory that the header of a law in C lists.
+    """Contents of the header of a controller in C: its signals, its memory and its gains.
 
-    These are (signal, unit, default or None) of what it reads, (signal, unit) of what it drives, (name, unit) of its memory, and (name, unit, value) of its
-    gains, with what these must be.
+    Attributes
+    ----------
+    title, name, period
+        Title of the header, NAME of the functions, and sample time [s].
+    reads
+        (signal, unit, default or None) of every signal that the controller reads.
+    memory
+        (name, unit) of every value of its memory.
+    actuated_signals
+        (signal, unit) of every signal that it gives.
+    note
+        Text that is added to the header.
+    gains, refusals
+        (name, unit, value) of every gain, and the conditions that gains must meet.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import Declared
+    >>> declared = Declared("A damper", "damper", 0.01, [("top.speed", "rad/s", None)], [], [("top.torque", "N m")])
+    >>> print(declared.name, len(declared.reads), "input,", len(declared.actuated_signals), "output")
+    damper 1 input, 1 output
     """
 
     title: str
@@ -42,7 +61,7 @@ class Declared:
 def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Function], step: str | None = None) -> Declared:
     """Write a controller as a pair of C files: casadi functions, and the C code of NAME_step that calls them.
 
-    `export_c` uses this function. A controller that writes itself calls it, too.
+    `export_c` uses this function. A controller with its own method `export_c` calls it, too.
 
     Parameters
     ----------

@@ -37,9 +37,9 @@ def stepper(
     duration: NumberOrText | None = None,
     accuracy: float | None = None,
 ) -> Stepper:
-    """Return a machine that another program steps: a plant with its controllers, with the methods `reset` and `step`.
+    """Return an object that simulates a plant with its controllers step by step, for use inside another program.
 
-    Call `reset`, and then `step` with new inputs once per period.
+    Call its method `reset` once, and then its method `step` with new inputs once per period.
 
     Parameters
     ----------

@@ -36,8 +36,8 @@ HELD = "#c2583b"
 def film(run: Any, path: str | Path, seconds: NumberOrText = 8.0) -> Path:
     """Write a run as an animated film.
 
-    Discs turn or blocks move on the left, red while their contact sticks. On the right stand their curves with a
-    running line.
+    Discs turn or blocks move on the left, red while their contact sticks. On the right their curves are drawn, with a
+    line that moves with time.
 
     Parameters
     ----------

@@ -30,10 +30,10 @@ def spectrogram(run: Any, signal: str | None = None, window: NumberOrText | None
     run
         A run.
     signal
-        Name of a scalar signal. By default that of a contact, such as the speed of the bit.
+        Name of a scalar signal. By default the speed at a contact, such as the speed of the bit.
     window
-        Length of the pieces [s], or text with a unit. By default a sixth of the run. Lines that are closer than two
-        divided by this length merge.
+        Length of the pieces [s], or text with a unit. By default a sixth of the run. Two lines cannot be distinguished
+        if the difference of their frequencies [Hz] is below two divided by this length.
     ax
         Axes to draw into. By default a new figure.
 

@@ -74,7 +74,7 @@ def paper(**kind: Any) -> Any:
     Parameters
     ----------
     kind
-        Further settings of matplotlib.
+        Other settings of matplotlib (rcParams).
 
     Returns
     -------
@@ -121,7 +121,7 @@ def panels(columns: int, height: float, **kind: Any) -> Any:
     height
         Height of the figure [inch].
     kind
-        Further arguments of `matplotlib.pyplot.subplots`.
+        Other arguments of `matplotlib.pyplot.subplots`.
 
     Returns
     -------
@@ -164,8 +164,8 @@ def axis_words(names: Sequence[str], unit: str) -> str:
 def name_axis(axis: Any, words: str, unit: str, display_units: Mapping[str, str] | None = None) -> None:
     """Label an axis of matplotlib with a quantity and its unit.
 
-    `reading_of` chooses the unit. The data stay in SI; the ticks stand at round numbers of the chosen unit. Shared
-    axes have one scale, with the unit of the first axis that was labelled.
+    `reading_of` chooses the unit. The data stay in SI, and the ticks are at round numbers of the chosen unit. If
+    several axes are shared, they all have the unit of the axis that was labelled first.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def name_axis(axis: Any, words: str, unit: str, display_units: Mapping[str, str]
 
 
 def line_styles(count: int) -> list[dict[str, Any]]:
-    """Return styles for several lines that can be told apart.
+    """Return styles for several lines, which differ in colour and in most cases in the pattern of the line.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ def arrays(path: Path, what: str) -> dict[str, np.ndarray]:
     path
         The file.
     what
-        What the file must be, for messages, such as "a body".
+        Description of the expected contents of the file, for messages, such as "a body".
 
     Returns
     -------

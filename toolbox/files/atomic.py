@@ -23,7 +23,7 @@ from toolbox.files.writable import check_folder
 
 @contextlib.contextmanager
 def replaced(path: Path, durable: bool = False) -> Iterator[IO[bytes]]:
-    """Write a binary file that replaces `path` if the block ends without an error, and is removed otherwise.
+    """Open a temporary binary file for a `with` block. If the block ends without an error, the file replaces `path`. Otherwise it is removed.
 
     Parameters
     ----------

@@ -18,14 +18,14 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[object]],
     Parameters
     ----------
     title
-        What stands above the table.
+        Title above the table.
     headings
-        Names of the columns; without any, title and notes stand alone.
+        Names of the columns. If the sequence is empty, the result has only title and notes.
     rows
-        Cells, one sequence per row. Floats are written with six digits; numbers, also those written as text, stand at the right, and everything else at
-        the left. No character is read as HTML.
+        Cells, one sequence per row. Floats are written with six digits. Numbers, also numbers that are given as text,
+        are aligned right, and all other cells are aligned left. Characters such as "<" are escaped.
     notes
-        Sentences that stand below the table.
+        Sentences below the table.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def columns(rows: Sequence[Sequence[str]], left: Container[int] = (0,), indent: 
     rows
         Cells, one sequence per row. A row may have fewer cells.
     left
-        Indices of columns that are aligned left. The others are aligned right.
+        Indices of columns that are aligned left. All other columns are aligned right.
     indent
         Beginning of every line.
 

@@ -54,7 +54,7 @@ def opened(path: str | Path, most: int = LARGEST, what: str = "file", apart: boo
     most
         Largest size [byte].
     what
-        What the file must be, for messages, such as "log".
+        Description of the expected contents of the file, for messages, such as "log".
     apart
         Whether the file is an earlier result or a checkpoint rather than an input of a command.
 

@@ -34,9 +34,21 @@ FUNCTIONS = {
 
 
 class Result(Printed):
-    """Base class of results: a frozen dataclass of numbers, texts, arrays and such dataclasses, which can be saved and loaded.
+    """Base class of results that can be saved and loaded. A subclass is a frozen dataclass whose fields are numbers,
+    texts, arrays and dataclasses of these.
 
     The annotations of its fields must be known at run time.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, margins
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), PI(proportional=400.0, integral=200.0, reference="120 rpm"))
+    >>> found = margins(loop)
+    >>> again = type(found).load(found.save("margins.npz"))
+    >>> print(again.disk_margin == found.disk_margin, f"{again.disk_margin:.2f}")
+    True 1.24
     """
 
     def save(self, path: str | Path) -> Path:
@@ -98,7 +110,7 @@ class Result(Printed):
         Raises
         ------
         SceneError
-            If the file is not one that `save` of this kind of result wrote.
+            If the file was not written by `save` of a result of this class.
         """
         path, kind = Path(path), cls.__name__
         what = f"a file written by `{kind}.save`"

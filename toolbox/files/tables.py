@@ -31,7 +31,18 @@ _HEADING = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 
 @dataclass(frozen=True)
 class Column:
-    """A column that a table may have: its name, its SI unit (None for text), its other names, and whether cells may be blank.
+    """A column that a table file may have.
+
+    Attributes
+    ----------
+    name, unit
+        Name of the column, and SI unit of its numbers. None for text.
+    also
+        Other names that the heading may have.
+    required
+        Whether the table must have this column, by default True.
+    blank
+        Whether cells may be empty, by default False.
 
     Examples
     --------
@@ -49,7 +60,18 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of a table, each as {column: number in SI, or text}. Each row knows its position, so that an error can name it."""
+    """Rows of a table file, each as {column: number in SI, or text}, the result of `read_table`. `places` holds the
+    position of each row in the file, for error messages.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from toolbox.authoring import Column, read_table
+    >>> _ = Path("sections.csv").write_text("name,OD [in]\\npipe,5\\n")
+    >>> table = read_table("sections.csv", [Column("name", None), Column("OD", "m")])
+    >>> print(len(table.rows), "row,", round(table.rows[0]["OD"], 3), "m")
+    1 row, 0.127 m
+    """
 
     path: Path
     rows: tuple[Mapping[str, Any], ...]
@@ -60,7 +82,7 @@ class Table:
         return iter(self.rows)
 
     def error(self, row: int, column: str, words: str) -> SceneError:
-        """Return the error for a cell.
+        """Return the SceneError for a wrong cell. Its message names the position of the row and the heading of the column.
 
         Parameters
         ----------

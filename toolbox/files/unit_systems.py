@@ -36,7 +36,8 @@ SIZED = frozenset(("1", "s", "m"))
 
 
 class use_units:
-    """Choose the units of reports, tables and figures: `with use_units("oilfield"): print(found)`, or `use_units("metric")` for all that follows.
+    """Choose the units of reports, tables and figures: `with use_units("oilfield"): print(found)`, or
+    `use_units("metric")` for the rest of the program.
 
     If no system is chosen, results are shown in the units in which the input was given, such as "95 rpm" or "10 kN m",
     and otherwise in SI. The choice changes only what is shown. Numbers returned to Python, matplotlib axes and files
@@ -95,8 +96,8 @@ class Reading(NamedTuple):
 def reading(unit: str, display_units: Mapping[str, str] | None = None) -> Reading:
     """Return factor and unit in which numbers of an SI unit are shown.
 
-    This is the unit of the chosen system (`toolbox.use_units`), else the unit in which values were typed, else the SI
-    unit.
+    The unit is the unit of the system that was chosen by `toolbox.use_units`. If no system was chosen, it is the unit
+    in which values were typed, or the SI unit.
 
     Parameters
     ----------

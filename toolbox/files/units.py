@@ -183,12 +183,12 @@ def is_finite_number(value: Any) -> bool:
 def in_si(value: Any, unit: str, name: str, instead: str | None = None) -> Any:
     """Return a value, or a row of values, with every text converted to its number in the given SI unit.
 
-    Numbers of numpy become numbers of Python. Everything else is returned as it is and left to other checks.
+    Numbers of numpy become numbers of Python. A value of any other type is returned unchanged.
 
     Parameters
     ----------
     value
-        A number, text with a unit, or a row of them.
+        A number, a text with a unit, or a sequence of numbers and texts.
     unit
         The SI unit.
     name

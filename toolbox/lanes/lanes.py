@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolbox.compilation import work_layout
+from toolbox.compilation.emitter import register_width
 from toolbox.compilation.program import Program, program_of, solved_in_calls
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SceneError
@@ -211,8 +212,5 @@ def _by_series(program: Program) -> bool:
 
 def host_width(program: Program) -> int:
     """Lanes that suit this processor and a program: two vector registers, or one where many states, or coefficients of series, fill them all."""
-    import llvmlite.binding as llvm
-
-    wide = bool(llvm.get_host_cpu_features().get("avx512f"))
     full = program.kernel.states >= 10 or program.formulas.series
-    return (8 if wide else 4) * (1 if full else 2)
+    return register_width() * (1 if full else 2)

@@ -92,20 +92,15 @@ class Falls:
     """
 
     def __init__(self, body: VectorBody, degree: int) -> None:
-        self.body, self.degree = body, degree
-        self.room = f"%room{body.count}"
-        body.count += 1
-        body.lines.insert(0, f"  {self.room} = alloca [{(degree + 3) * body.width} x double], align 64")
-        written = _search(body.width, degree)
-        head = f"define internal void @first_fall_{degree}(ptr noalias %c) noinline nounwind {{"
-        body.functions[f"first fall {degree}"] = "\n".join([head, "entry:", *written.lines, "  ret void", "}"])
-        body.declarations |= written.declarations
+        self.body, self.degree, self.name = body, degree, f"first_fall_{degree}"
+        self.room = body.place("room", degree + 3)
+        body.keep_function(self.name, _search(body.width, degree))
 
     def first(self, c: Sequence[Value], where: Truth, length: Value) -> Value:
         """The first zero in the lanes where it is true, 2 where there is none; length: of the piece that is looked at first where there may be several."""
         for i, value in enumerate([*c, where.choose(1.0, 0.0), length]):
             self.body.store(value.name, self.room, i)
-        self.body.lines.append(f"  call void @first_fall_{self.degree}(ptr {self.room})")
+        self.body.call_on(self.name, self.room)
         return Value(self.body, self.body.load(self.room, self.degree + 1))
 
 

@@ -88,15 +88,12 @@ class Sample(Pass):
 
     def number(self, place: int) -> Value:
         """One of `sizes` in every lane."""
-        body = self.body
-        one = body.value(f"load double, ptr {body.value(f'getelementptr double, ptr %sizes, i64 {place}')}")
-        first = body.value(f"insertelement {body.type} poison, double {one}, i64 0")
-        return Value(body, body.value(f"shufflevector {body.type} {first}, {body.type} poison, <{body.width} x i32> zeroinitializer"))
+        return Value(self.body, self.body.spread("%sizes", place))
 
     def instant(self, count: Value, period: Value, delay: Value | None = None) -> Value:
         """count period + delay, rounded as the scalar loop rounds it."""
-        product = self.body.value(f"fmul {self.body.type} {count.name}, {period.name}")
-        return Value(self.body, product if delay is None else self.body.value(f"fadd {self.body.type} {product}, {delay.name}"))
+        product = self.body.mul_rounded(count.name, period.name)
+        return Value(self.body, product if delay is None else self.body.add_rounded(product, delay.name))
 
 
 @dataclass

@@ -41,7 +41,7 @@ class Value:
         return Value(self.body, self.body.div(self._of(other), self.name))
 
     def __neg__(self) -> Value:
-        return Value(self.body, self.body.value(f"fneg {self.body.type} {self.name}"))
+        return Value(self.body, self.body.negative(self.name))
 
     def __abs__(self) -> Value:
         return Value(self.body, self.body.intrinsic("fabs", self.name))
@@ -104,9 +104,8 @@ class Rows:
 
     def __init__(self, body: VectorBody, first: dict[str, int], lengths: dict[str, int | None]) -> None:
         self.body, self.first, self.lengths = body, first, lengths
-        self.pointer = (
-            body.value('call ptr asm "", "=r,0"(ptr %lanes)') if sum(length or 1 for length in lengths.values()) > MANY_ROWS else "%lanes"
-        )
+        many = sum(length or 1 for length in lengths.values()) > MANY_ROWS
+        self.pointer = body.renewed("%lanes") if many else "%lanes"
 
     def __getitem__(self, name: str) -> Any:
         length = self.lengths[name]
@@ -127,8 +126,7 @@ class Truth:
         return Truth(self.body, self.body.either(self.name, other.name))
 
     def __invert__(self) -> Truth:
-        ones = f"<{', '.join(['i1 true'] * self.body.width)}>"
-        return Truth(self.body, self.body.value(f"xor {self.body.references} {self.name}, {ones}"))
+        return Truth(self.body, self.body.opposite(self.name))
 
     def choose(self, yes: Any, no: Any) -> Value:
         """`yes` in the lanes where it is true, `no` elsewhere."""
@@ -163,20 +161,19 @@ def where_any(condition: Truth, compute: Callable[[], tuple[Truth, ...]]) -> tup
     body = condition.body
     found: list[Truth] = []
     here, there = when_any(condition, lambda: found.extend(compute()))
-    return tuple(
-        Truth(body, body.value(f"phi {body.references} [ {truth.name}, %{there} ], [ zeroinitializer, %{here} ]")) for truth in found
-    )
+    return tuple(Truth(body, body.from_block(truth.name, there, here)) for truth in found)
 
 
 def when_any(condition: Truth, write: Callable[[], None]) -> tuple[str, str]:
     """Emit a branch around the instructions, taken if no lane meets the condition. Returns the labels of the two predecessor blocks."""
     body = condition.body
     here, there, last, label = (f"{letter}{body.count}" for letter in "bced")
-    body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.references})")
-    anywhere = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.references} {condition.name})")
-    body.lines += [f"  br label %{here}", f"{here}:", f"  br i1 {anywhere}, label %{there}, label %{label}", f"{there}:"]
+    anywhere = body.in_any(condition.name)
+    body.block(here)
+    body.branch(anywhere, there, label, there)
     write()
-    body.lines += [f"  br label %{last}", f"{last}:", f"  br label %{label}", f"{label}:"]
+    body.block(last)
+    body.block(label)
     return here, last
 
 
@@ -184,10 +181,7 @@ class Slot:
     """A vector that branches and loops change: a place in memory, which the optimiser turns into registers."""
 
     def __init__(self, first: Value) -> None:
-        body = first.body
-        self.body, self.place = body, f"%slot{body.count}"
-        body.count += 1
-        body.lines.insert(0, f"  {self.place} = alloca {body.type}, align {min(8 * body.width, 64)}")
+        self.body, self.place = first.body, first.body.place("slot")
         self.set(first)
 
     def get(self) -> Value:
@@ -203,8 +197,7 @@ def repeat_while_any(body: VectorBody, write: Callable[[], Truth]) -> None:
     """Emit a loop over the instructions that `write` writes, which goes on while what it returns holds in any lane."""
     label = f"loop{body.count}"
     body.count += 1
-    body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.references})")
-    body.lines += [f"  br label %{label}", f"{label}:"]
+    body.block(label)
     condition = write()
-    again = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.references} {condition.name})")
-    body.lines += [f"  br i1 {again}, label %{label}, label %end_{label}", f"end_{label}:"]
+    again = body.in_any(condition.name)
+    body.branch(again, label, f"end_{label}", f"end_{label}")

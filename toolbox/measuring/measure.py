@@ -84,7 +84,7 @@ def stick_intervals(
 
 
 def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
-    """Measure the fraction of the time for which a contact sticks, from 0 to 1.
+    """Measure the fraction of the time during which a contact sticks, from 0 to 1.
 
     Parameters
     ----------
@@ -143,8 +143,8 @@ class StickSlipPeriod:
 def cycles(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> list[StickSlipPeriod]:
     """Return every stick-slip cycle of a contact, from release to release.
 
-    A cycle is listed if it lies in the window as a whole; its ends may be the ends of the window. A last stick that
-    never ends belongs to no cycle. Slip in either direction counts as slip.
+    A cycle is listed if the whole cycle lies in the window. Its ends may be the ends of the window. A last stick phase
+    that does not end is not part of a cycle. Slip in either direction counts as slip.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def cycles(run: Recorded, element: str, after: NumberOrText = 0.0, until: Number
     Returns
     -------
     list of StickSlipPeriod
-        Start of each cycle [s], and how long it slips and sticks [s].
+        Start of each cycle [s], and the times in slip and in stick of the cycle [s].
 
     Raises
     ------
@@ -274,7 +274,7 @@ def mean_square(run: Recorded, signal: str, target: float = 0.0, *, after: Numbe
 def rubbing_speed(run: Recorded, contact: str | None = None) -> str:
     """Return the name of the speed signal of a contact, such as "bit.speed".
 
-    If the plant has no such speed, the slip of the contact is named.
+    If the plant has no signal of this name, return the name of the slip of the contact, such as "bit.slip".
 
     Parameters
     ----------
@@ -325,15 +325,16 @@ def severity(
         "peak"         max / mean - 1                   overspeed alone
         "reference"    (max - min) / (2 reference)      relative to the set-point `reference`
 
-    Minimum, maximum and time mean are those of `extent`. Choose `after` beyond the transient, and a window of many
-    periods. The sign of the divisor is ignored. `stuck_ratio` measures the time in stick instead of the speed.
+    `extent` computes minimum (min), maximum (max) and time mean (mean). Choose `after` beyond the transient, and a
+    window of many periods. The sign of the divisor is ignored. `stuck_ratio` measures the time in stick.
 
     Parameters
     ----------
     run
         The run.
     signal
-        Name of a scalar signal, usually a speed; by default that of what rubs at the only contact, else the slip there.
+        Name of a scalar signal, usually a speed; by default the speed at the only contact of the plant, such as
+        `bit.speed`. If the plant has no such signal, the slip of the contact.
     after, until
         Begin and end of the window [s]. By default the whole run.
     definition
@@ -380,7 +381,7 @@ def settling(
 ) -> float:
     """Measure the time until a signal enters a band around its target and stays in it.
 
-    "Close" means |signal - target| <= band * size. The last crossing of the band is located to round-off in time.
+    The band is |signal - target| <= band * size. The last crossing of the band is located to round-off in time.
 
     Parameters
     ----------
@@ -396,7 +397,7 @@ def settling(
     after, until
         Begin and end of the window [s]. By default the whole run.
     size
-        The change that counts as 1, in the unit of the signal. By default |target|.
+        Reference value of the band, in the unit of the signal. By default |target|.
 
     Returns
     -------
@@ -461,7 +462,8 @@ def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberO
     Returns
     -------
     float
-        The time [s]. It is inf if the signal never falls so far, and `after` if it is there already.
+        The time [s]. inf if the signal does not fall to `speed`, and `after` if the signal is at or below `speed` at
+        this time.
 
     Raises
     ------
@@ -520,7 +522,7 @@ def overshoot(
     after, until
         Begin and end of the window [s]. By default the whole run.
     size
-        The change that counts as 1, in the unit of the signal. By default |target|.
+        Reference value of the overshoot, in the unit of the signal. By default |target|.
 
     Returns
     -------
@@ -566,9 +568,18 @@ def _aimed(run: Recorded, signal: str, target: NumberOrText, size: NumberOrText 
 # ------------------------------------------------------------------------------------------------------------------------- unilateral contacts
 @dataclass(frozen=True)
 class Contact:
-    """Metrics of a unilateral contact: number of impacts, time closed [s], largest force [N] and largest approach speed [m/s].
+    """Metrics of a unilateral contact, the result of `contact`: `impacts`, `time` closed [s], largest `force` [N] and largest approach `speed` [m/s].
 
     For a rigid contact, which takes an impact in an instant, the force is the force while the contact is closed.
+
+    Examples
+    --------
+    >>> from models import BacklashDrive
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(BacklashDrive()), "20 s", inputs={"driver.force": 2.0})
+    >>> metrics = measure.contact(run, "push")
+    >>> print(f"{metrics.impacts} impacts, at most {metrics.speed:.2f} m/s")
+    17 impacts, at most 0.40 m/s
     """
 
     impacts: int

@@ -45,14 +45,15 @@ class ClosedLoop(Printed):
     """Plant with its controllers, inputs, parameters and start values.
 
     `closed_loop` makes a loop, all functions take it, and `print` shows the numbers of its controllers. Two loops are
-    equal if their plants, controllers and numbers are equal. Two functions are equal only if they are the same object.
+    equal if their plants, controllers and numbers are equal. A function among them, such as a callable controller,
+    equals only itself.
 
     Attributes
     ----------
     plant
         The declared plant, on which the controllers are designed.
     controllers
-        The controllers in the given order. A `Controller` acts continuously; a `Sampled` has its own period, delay,
+        The controllers in the given order. A `Controller` acts continuously. A `Sampled` has its own period, delay,
         sensors and seed.
     inputs
         {input, or parameter of the plant that changes in time: number, table, shape or expression of time}.
@@ -63,15 +64,17 @@ class ClosedLoop(Printed):
     label
         Name of the loop in tables and figures.
     element, signal
-        Names of the contact and of the speed that are judged. None if there is only one contact.
+        Names of the contact and of the speed that are judged. None means the only contact of the plant and its speed.
     duration, after, accuracy
-        Length of a run [s], time from which on it is judged [s], and its accuracy. Given for a loop from a scene.
+        Length of a run [s], time from which on a run is judged [s], and accuracy of a run. None for a loop that does
+        not come from a scene.
     effort
-        Input whose peak is reported. Given for a loop from a scene.
+        Input whose peak is reported. None for a loop that does not come from a scene.
     reference
-        Set-point of `signal`: a number, or the name of the input that gives it. Given for a loop from a scene.
+        Set-point of `signal`: a number, or the name of the input that gives the set-point. None: the set-point of the
+        controller, if there is one.
     standstill_speed
-        For a stop, the value of `signal` at which the machine counts as standing. Given for a loop from a scene.
+        For a machine that is stopped, the value of `signal` at which it counts as standing. None for no stop.
 
     Examples
     --------
@@ -101,7 +104,10 @@ class ClosedLoop(Printed):
     # ------------------------------------------------------------------------------------------------------------------------------ what it becomes
     @cached_property
     def assembly(self) -> Closed:
-        """The closed system with its clocks. Raises SceneError for numbers out of bounds, unknown names, and laws that do not fit the plant."""
+        """Plant and controllers joined to one system, with the sample times of the controllers.
+
+        Raises SceneError for numbers out of bounds, unknown names, and controllers that do not fit the plant.
+        """
         own = {name: value for name, value in self.parameters.items() if self.plant.has_parameter(name)}
         both = next((name for name in self.parameters if name in self.inputs), None)
         if both is not None:
@@ -117,11 +123,11 @@ class ClosedLoop(Printed):
 
     @cached_property
     def designed_controllers(self) -> list[Any]:
-        """The laws as designed on the nominal plant, in order."""
+        """The controllers as designed on the declared plant, in the order of `controllers`."""
         return designed_laws(self.plant, self.controllers)
 
     def replace(self, **changes: Any) -> ClosedLoop:
-        """Return the loop with other values of some of its fields. Controllers that stay keep their design.
+        """Return a loop with other values of some fields. A controller that is not replaced keeps its design.
 
         Parameters
         ----------
@@ -145,7 +151,7 @@ class ClosedLoop(Printed):
 
     @property
     def input_kinds(self) -> tuple[tuple[str, Any], ...]:
-        """Kind of each input: number, table, shape or expression. Another kind of an input is a new compilation of the loop."""
+        """Kind of each input: number, table, shape or expression. If the kind of an input changes, the loop is compiled again."""
         return self._given[0]
 
     @property
@@ -155,7 +161,11 @@ class ClosedLoop(Printed):
 
     @cached_property
     def system(self) -> HybridSystem:
-        """The plant with its laws as parts, as they run: sampled ones with memory and held signals, and the smooth friction of a plant that is smooth."""
+        """The plant with its controllers as parts, in the form that is simulated.
+
+        A sampled controller has its memory and its held signals. A plant made by `smoothed` has its regularised
+        friction.
+        """
         system, plant = self.assembly.system, self.assembly.plant
         return smoothed(system, plant.widths, match_static_peak=plant.match_static_peak) if isinstance(plant, SmoothSystem) else system
 
@@ -163,7 +173,7 @@ class ClosedLoop(Printed):
     def continuous_loop(self) -> ClosedLoop:
         """Return the same loop with every controller in its continuous form, also if it runs sampled.
 
-        Raises SceneError for a law without one, such as a Python callable.
+        Raises SceneError for a controller without a continuous form, such as a Python callable.
         """
         inner = tuple(law.law if isinstance(law, Sampled) else law for law in self.controllers)
         for law in inner:
@@ -184,12 +194,12 @@ class ClosedLoop(Printed):
         return self.continuous_loop
 
     def with_controllers(self, controllers: Iterable[Any]) -> ClosedLoop:
-        """Return the loop with other forms of its controllers: sampled, with sensors, or wrapped. Each keeps its design.
+        """Return the loop with its controllers in another form, such as sampled or with sensors. The controllers are not designed again.
 
         Parameters
         ----------
         controllers
-            The new controllers, in the order of the present ones.
+            The controllers in their new form, in the order of the present controllers.
         """
         other = dataclasses.replace(self, controllers=tuple(controllers))
         other.__dict__["designed_controllers"] = self.designed_controllers
@@ -238,12 +248,12 @@ class ClosedLoop(Printed):
         return dict(self.input_values)
 
     def target(self, signal: str) -> float | None:
-        """Return the set-point of a signal in SI, from the field `reference`. None if the loop has no set-point.
+        """Return the set-point of a signal in SI, from the field `reference`. Returns None if `reference` is None.
 
         Parameters
         ----------
         signal
-            The signal, whose unit a set-point given as text must have.
+            Name of the signal. If the set-point was given as text, its unit must fit the unit of this signal.
         """
         if isinstance(self.reference, str) and self.reference in self.variable_numbers():
             return self.number(self.reference).value
@@ -251,7 +261,7 @@ class ClosedLoop(Printed):
 
     @cached_property
     def display_units(self) -> Mapping[str, str]:
-        """{SI unit: unit that was typed}, the units of reports and figures."""
+        """{SI unit: unit that was typed}: the units of reports and figures about this loop."""
         return {**self.plant.display_units, **asked_units(self.inputs, self.parameters, fields=(self.controllers,))}
 
     @property
@@ -270,7 +280,7 @@ class ClosedLoop(Printed):
 
     @cached_property
     def overriding_inputs(self) -> dict[str, str]:
-        """{parameter that has no effect: the input that takes its place}."""
+        """{parameter that has no effect: input that overrides this parameter}."""
         scalars = [name for name, entry in self.system.parameters.items() if entry.size is None]
         known = [(name, number_of(self, name)) for name in scalars]
         return {name: number.overridden for name, number in known if number is not None and number.overridden is not None}
@@ -281,7 +291,8 @@ class ClosedLoop(Printed):
         Parameters
         ----------
         name
-            Its name, or the end of its name if no other name has this end, such as `proportional`.
+            Name of the number. The end of the name is enough if no other name has the same end: `proportional` for
+            `pi.proportional`.
 
         Raises
         ------
@@ -316,7 +327,7 @@ class ClosedLoop(Printed):
         Parameters
         ----------
         name
-            Its name, as for `number`.
+            Name of the number, or the end of its name, as for the method `number`.
 
         Raises
         ------
@@ -336,16 +347,17 @@ class ClosedLoop(Printed):
         Parameters
         ----------
         name
-            Its name, as for `number`.
+            Name of the number, or the end of its name, as for the method `number`.
         function
             Name of the function that needs derivatives, for the error message.
         allowed
-            Function number -> bool. Other numbers for which it returns True are allowed too.
+            Function number -> bool. Numbers of other kinds are allowed, too, if this function returns True for them. By
+            default none are.
 
         Raises
         ------
         SceneError
-            For any other number.
+            If the number is neither an input nor a parameter of the equations, and `allowed` returns False for it.
         """
         number = self.varied_number(name)
         if not (number.kind.has_slope or allowed(number)):
@@ -443,7 +455,7 @@ class ClosedLoop(Printed):
 
     @property
     def controller_names(self) -> list[str]:
-        """Description of each controller with its sample time and its numbers on this plant, in the typed units."""
+        """Description of each controller as text: its sample time and its numbers as designed on this plant, in the units that were typed."""
         laws = zip(self.controllers, map(law_of, self.assembly.system.parts[len(self.assembly.plant.parts) :]), strict=True)
         known = [
             (given, law if isinstance(law, Controller) else getattr(given, "law", None)) for given, law in laws
@@ -478,10 +490,10 @@ def closed_loop(
     Parameters
     ----------
     plant
-        A plant made by `compose`. Or a loop: the new loop keeps everything of it that is not given here.
+        A plant made by `compose`. Or a loop: the new loop keeps everything of this loop that no argument replaces.
     controller
-        A `Controller`, a callable (t, y) -> u, `Sampled(controller, period, delay)`, or a sequence of them. By
-        default the plant has no controller and follows its inputs.
+        A `Controller`, a callable (t, y) -> u, `Sampled(controller, period, delay)`, or a sequence of them. By default
+        the loop has no controller: the inputs alone drive the plant.
     sample_time
         Sample time [s] of controllers that are not `Sampled` themselves. By default a `Controller` acts continuously.
     inputs

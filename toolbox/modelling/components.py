@@ -21,7 +21,7 @@ from toolbox.vocabulary import Renamed
 
 @dataclass
 class Update(Renamed):
-    """Update of a sampled controller at a sample.
+    """Update of a sampled controller at a sample: its next memory and its outputs. The method `sampled` of a `Controller` returns it.
 
     Attributes
     ----------
@@ -32,7 +32,15 @@ class Update(Renamed):
     from_callable
         Whether a Python callable computes the values.
     noise
-        {measured signal: symbol of its standard normal noise}.
+        {measured signal: symbol of its standard normal noise}. The toolbox fills this field for sensors with noise.
+
+    Examples
+    --------
+    >>> from toolbox import Update, state
+    >>> angle = state("law.angle", "rad")
+    >>> update = Update(memory={angle: angle + 0.1}, outputs={"top.torque": (2.0 * angle, "N m")})
+    >>> print(len(update.memory), "value of memory,", len(update.outputs), "output")
+    1 value of memory, 1 output
     """
 
     memory: Mapping[State, Any]
@@ -55,13 +63,21 @@ class Equations(Renamed):
     outputs
         {signal name: (expression, unit)}.
     elements
-        The set-valued elements whose forces the flow uses.
+        The set-valued elements whose forces appear in `flow`, such as a `DryFriction`.
     stored
-        Stored energy [J].
+        Stored energy [J], an expression. None if the part stores no energy.
     losses, supplies
         {name: dissipated power [W]} and {name: supplied power [W]}.
     update
         Update of a sampled controller at its samples. None for every other part.
+
+    Examples
+    --------
+    >>> from toolbox import Equations, state
+    >>> x, v = state("block.position", "m"), state("block.speed", "m/s")
+    >>> equations = Equations(flow={x: v, v: -4.0 * x}, stored=(v**2 + 4.0 * x**2) / 2)
+    >>> print(len(equations.flow), "states")
+    2 states
     """
 
     flow: Mapping[State, Any] = dataclasses.field(default_factory=dict)
@@ -111,7 +127,13 @@ class Component(Renamed, Declared):
         Parameters
         ----------
         signal
-            Function `signal(name, unit, default=...)` that returns the expression of a signal that the part needs.
+            Function `signal(name, unit, default=...)` that returns the expression of a signal that the part needs. With
+            a default the signal becomes an input if no part gives it.
+
+        Returns
+        -------
+        Equations
+            Rates of the states, output signals, elements and energies.
         """
         raise SceneError(
             f"The part {type(self).__name__} must have a method `equations(self, signal)` that returns Equations, but it has none."
@@ -122,15 +144,18 @@ class Component(Renamed, Declared):
 
     @property
     def signal_limits(self) -> Mapping[str, tuple[float | None, float | None]]:
-        """Limits within which the part keeps signals, for figures, as {signal: (lowest, highest)}. None means no limit."""
+        """Physical limits of signals that the part enforces, such as the torque limit of a motor, as {signal: (lowest, highest)} in SI.
+
+        None means no limit in this direction. Figures of a run draw these limits as dotted lines.
+        """
         return {}
 
     @property
     def redirected_signals(self) -> Mapping[str, str]:
-        """Signals that this part redirects, as {signal used by the controllers: signal connected instead}.
+        """Signals that this part redirects, as {signal in the controller: signal of the plant that is connected to the controller}.
 
-        Empty for most parts. With it an actuator can be inserted without a change of the controllers: {"top.torque":
-        "drive.command"}.
+        Empty for most parts. Example: {"top.torque": "drive.command"} inserts an actuator between controllers and
+        string, and the controllers need no change.
         """
         return {}
 

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 
 from toolbox.arguments import count_of
-from toolbox.modelling.components import fields_of, is_nested, numbers_of
+from toolbox.modelling.components import fields_of, is_nested
 from toolbox.modelling.laws import Controller, Sampled
 
 Loop = Any
@@ -38,30 +38,12 @@ def design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], 
     return known[index]
 
 
-def first_word(loop: Loop, index: int) -> str:
-    """The first word of the names of all numbers of a controller: its `name`, else that of its memory or its class.
-
-    A controller whose design makes one of another class keeps its own word: `softtorque.proportional` is a gain of the PI that `SoftTorque` makes.
-    """
-    law, parts = loop.designed_controllers[index], loop.system.parts
-    if isinstance(law, Controller):
-        part = len(parts) - len(loop.controllers) + index
-        begin = sum(len(numbers_of(each)) for each in parts[:part])
-        own = range(begin, begin + len(numbers_of(parts[part])))
-        name = next((name for name, entry in loop.system.parameters.items() if entry.offset in own), "")
-        if name:
-            return name.partition(".")[0]
-    given = loop.controllers[index]
-    law = given.law if isinstance(given, Sampled) else given
-    return getattr(law, "name", None) or getattr(law, "__name__", type(law).__name__).lower()
-
-
 def _found_design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
     given = loop.controllers[index]
     law = given.law if isinstance(given, Sampled) else given
     if not isinstance(law, Controller) or type(law).design is Controller.design:
         return {}
-    prefix = first_word(loop, index)
+    prefix = law.name or type(law).__name__.lower()
     fields: dict[str, tuple[Mapping[str, Any], float]] = {}
     _collect(law, f"{prefix}.", fields)
     system = loop.system

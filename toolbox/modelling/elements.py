@@ -26,7 +26,7 @@ time = ca.SX.sym("time")
 
 
 class State(ca.SX):
-    """A named state of a part: a casadi symbol that remembers its name, unit and size.
+    """A named state of a part: a casadi symbol with a name, a unit and a size. `state` makes it.
 
     Examples
     --------
@@ -48,7 +48,7 @@ class State(ca.SX):
 def state(name: str, unit: str, size: int | None = None) -> State:
     """Declare a state `part.quantity` of a part: a scalar, or a column of `size` entries.
 
-    A result returns an array of shape (nt, size) for the name of a vector state.
+    In a run, the name of a vector state gives an array of shape (nt, size).
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def quantity(
         value outside this range warns once (`UnusualValue`), and names the unit that was perhaps meant. Choose the
         range so wide that no real machine is outside.
     source
-        Publication of the declared value. Empty if the value is chosen.
+        Publication that gives the declared value. Empty if the value is an example without a publication.
 
     Returns
     -------
@@ -234,8 +234,25 @@ class FrictionLaw(Renamed, Declared):
     and at the speeds at which it jumps, which it must declare as `break_speeds`.
 
     A law with memory declares its internal states in `memory` and writes `evolution`. `sliding` is then the friction at
-    constant slip speed. The force follows from states and slip alone, as for bristles (Dahl 1968) and rate-and-state
-    friction (Rice, Ben-Zion 1996). A contact with such a law has no modes, and creeps instead of sticking.
+    constant slip speed. The force is a function of these states and of the slip, as for bristles (Dahl 1968) and
+    rate-and-state friction (Rice, Ben-Zion 1996). A contact with such a law has no modes, and creeps instead of
+    sticking.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from toolbox import FrictionLaw, Quantity, quantity
+    >>> @dataclass(frozen=True)
+    ... class Falling(FrictionLaw):
+    ...     static: Quantity = quantity(0.5, "1", "static coefficient", above=0)
+    ...
+    ...     def sliding(self, speed, *beyond):
+    ...         return self.static / (1 + speed)
+    ...
+    ...     def breakaway(self):
+    ...         return self.static
+    >>> print(Falling().sliding(1.0), "at a slip speed of 1")
+    0.25 at a slip speed of 1
     """
 
     def __post_init__(self) -> None:
@@ -244,7 +261,8 @@ class FrictionLaw(Renamed, Declared):
     def memory(self, directions: int) -> Mapping[str, tuple[str, Any]]:
         """Return the internal states as {name: (unit, start value)}. Empty for a law without memory.
 
-        A start value is a number, or `(0.0,) * directions` for a vector such as a deflection.
+        A start value is a number. For a state with one entry per direction, such as a deflection, it is `(0.0,) *
+        directions`.
 
         Parameters
         ----------
@@ -254,7 +272,7 @@ class FrictionLaw(Renamed, Declared):
         return {}
 
     def evolution(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[ca.SX, Mapping[str, Any]]:
-        """Return the friction against the slip, per unit of load, and the rates of the internal states as {name: rate}.
+        """Return the friction against the slip, per unit of load, and the rates of the internal states as {name: rate}. For a law with memory.
 
         Parameters
         ----------
@@ -270,7 +288,11 @@ class FrictionLaw(Renamed, Declared):
         raise _without(self, "evolution", "friction per unit of load and the rates of its states")
 
     def energies(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[Any, Mapping[str, Any]]:
-        """Return the stored energy and {name: dissipated power} of a law with memory, per unit of load. By default nothing is stored."""
+        """Return the stored energy and {name: dissipated power} of a law with memory, per unit of load.
+
+        By default the stored energy is 0, and the power of the friction is dissipated. The arguments are the arguments
+        of `evolution`.
+        """
         return 0.0, {"memory": ca.dot(self.evolution(slip, speed, load, memory)[0], slip)}
 
     def sliding(self, speed: ca.SX, *beyond: ca.SX) -> ca.SX:
@@ -281,17 +303,19 @@ class FrictionLaw(Renamed, Declared):
         speed
             Slip speed >= 0.
         beyond
-            One number for each speed at which the law jumps: 0 below this speed, 1 above it. None for a law without
-            jumps.
+            One number for each of `break_speeds()`: 0 below this speed, 1 above it. A law without break speeds gets no
+            such argument.
         """
         raise _without(self, "sliding", "kinetic friction per unit of load")
 
     def break_speeds(self) -> tuple[Any, ...]:
-        """Return the slip speeds > 0 at which the law drops. Each drop is located as an event of the element `contact.break`."""
+        """Return the slip speeds > 0 at which the law jumps. By default none. Each passage of such a speed is located
+        as an event of the element `<contact>.break`.
+        """
         return ()
 
     def reverse(self) -> FrictionLaw:
-        """Return the law for negative slip speeds. By default the law itself."""
+        """Return the friction law that holds for negative slip speeds. By default this law itself."""
         return self
 
     def breakaway(self) -> ca.SX:
@@ -399,8 +423,8 @@ class DryFriction(Element):
         slip:   force = -sgn(slip) * load * law.sliding(|slip|)
 
     - `slip` may depend on states, parameters and time, but not on a sampled input.
-    - `load` is 1 by default, for friction laws that are forces themselves. A negative load raises an error. Give a load
-      that is >= 0, such as the `force` of a `UnilateralContact`.
+    - `load` is 1 by default, for friction laws whose coefficient is a force. A negative load raises an error during the
+      run. A load that cannot become negative is, for example, the `force` of a `UnilateralContact`.
     - `lift_off` names a part that models the loss of contact. The error for a negative load mentions it.
     - Each speed at which the law jumps is a separate element, `name.break`, with the modes "below" and "beyond".
 
@@ -418,6 +442,20 @@ class DryFriction(Element):
     Friction law with memory: the contact has no modes, and force = -load * friction(slip, memory). Its internal states
     are signals such as `pad.deflection`. The energy audit then contains three more terms for the contact: the supplied
     power (supply `pad.slip`), the power that the memory returns (`pad.memory`), and the losses.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from models import Coulomb
+    >>> from toolbox import Component, DryFriction, Equations, compose, state
+    >>> @dataclass(frozen=True)
+    ... class Block(Component):
+    ...     def equations(self, signal):
+    ...         v = state("block.speed", "m/s")
+    ...         ground = DryFriction("ground", v, Coulomb(0.5, 0.3), load=10.0)
+    ...         return Equations(flow={v: signal("block.force", "N", default=0.0) + ground.force}, elements=[ground])
+    >>> print(compose(Block()))
+    HybridSystem(Block): 1 states (block.speed); contacts: ground; inputs: block.force [N]
     """
 
     def __init__(
@@ -531,8 +569,22 @@ class Hysteresis(Element):
     """Switch with two positions and memory: `output` becomes 1 when `signal` rises to `high`, and 0 when it falls to `low`.
 
     Between `low` and `high` the output keeps its last value. At the start the position is `start` ("low" or "high").
-    `low` must be <= `high`. If low = high and both positions drive the signal back to the threshold, the switch
-    chatters: use a `Relay` for this case.
+    `low` must be <= `high`. If low = high and each position of the switch drives the signal back to the threshold, the
+    switch chatters. Use a `Relay` for this case.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from toolbox import Component, Equations, compose, state
+    >>> from toolbox.modelling import Hysteresis
+    >>> @dataclass(frozen=True)
+    ... class Tank(Component):
+    ...     def equations(self, signal):
+    ...         level = state("tank.level", "m")
+    ...         drain = Hysteresis("drain", level, low=1.0, high=2.0, signal_unit="m")
+    ...         return Equations(flow={level: 0.5 - drain.output}, elements=[drain])
+    >>> print(compose(Tank()))
+    HybridSystem(Tank): 1 states (tank.level); contacts: drain; inputs: none
     """
 
     mode_names: Mapping[int, str] = {0: "low", 1: "high"}

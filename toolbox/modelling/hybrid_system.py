@@ -186,12 +186,14 @@ class HybridSystem(Renamed):
 
     @property
     def switched_equations(self) -> Switching:
-        """Right-hand sides, forces and guards, with the modes as numeric input, in the symbols t, x, u, p, m."""
+        """Right-hand sides, forces and guards as expressions of the symbols t, x, u, p and m. The modes m are numbers,
+        so one set of expressions holds for all modes.
+        """
         return self.once("switching", lambda: switching(self.t, self.x, self.flow, self.elements))
 
     @property
     def rhs(self) -> ca.Function:
-        """Casadi Function (t, x, u, p, m) -> dx/dt. m holds 0, 1 or -1 for each element."""
+        """Casadi Function (t, x, u, p, m) -> dx/dt. m holds the mode of each element: 0, 1 or -1."""
         return self.function("rhs", self.switched_equations.field, "dx")
 
     @property
@@ -215,7 +217,7 @@ class HybridSystem(Renamed):
         return self.once("input_defaults", made)
 
     def function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
-        """Return the casadi Function (t, x, u, p, m) -> expression. It is made once per name and structure.
+        """Return the casadi Function (t, x, u, p, m) -> expression. For plants of one structure it is made once per name.
 
         Parameters
         ----------
@@ -224,13 +226,13 @@ class HybridSystem(Renamed):
         expression
             The expression in the symbols t, x, u, p and m.
         output
-            Name of its output.
+            Name of the output of the function.
         """
         symbols, names = [self.t, self.x, self.u, self.p, self.m], ["t", "x", "u", "p", "m"]
         return self.once(name, lambda: ca.Function(name, symbols, [ca.densify(expression)], names, [output]))
 
     def once(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return a result that is computed once for all plants of this structure.
+        """Return a result that is computed once and shared by all plants of the same structure.
 
         Parameters
         ----------
@@ -256,9 +258,10 @@ class HybridSystem(Renamed):
         return twin
 
     def state_index(self, name: str) -> tuple[int, int | None, str] | None:
-        """Return (first row of x, size or None, unit) of a state or of one entry of a vector state (`chain.speed.0`).
+        """Return (first row of x, size, unit) of a state, or of one entry of a vector state such as `chain.speed.0`.
 
-        Returns None for any other name.
+        The size is the number of entries of a vector state. It is None for a scalar state and for one entry of a vector
+        state. For a name that is neither a state nor an entry, return None in place of the tuple.
         """
         if not isinstance(name, str):
             return None
@@ -299,10 +302,10 @@ class HybridSystem(Renamed):
         return found
 
     def element_modes(self, name: str) -> tuple[int, Mapping[int, str]]:
-        """Return the index of the element that holds the mode of an element, and the names of its modes as {mode: name}.
+        """Return the index of the element whose mode an element has, and {mode: name of the mode}.
 
-        The two elements differ for a friction that shares the slip of another friction: the mode is then the mode of
-        the other one.
+        This is the index of the element itself, with one exception. If two frictions act on the same slip, they share
+        one mode, and the index of the second friction is the index of the first friction.
         """
         element = self.element(name)
         names = [each.name for each in self.elements]
@@ -313,7 +316,7 @@ class HybridSystem(Renamed):
         return names.index(leader), {int(side * mode): word for mode, word in element.mode_names.items()}
 
     def unknown_element_error(self, name: str) -> SceneError:
-        """Return the error to raise if a name is not an element. A contact without modes does not count as an element."""
+        """Return the SceneError to raise if a name is no element. A contact without modes (a friction law with memory) is no element."""
         if name in self.modeless:
             return SceneError(
                 f"`{name}` has no modes and never sticks exactly, because its friction law, {self.modeless[name]}, has a memory: judge the severity of a "
@@ -375,7 +378,7 @@ class HybridSystem(Renamed):
         raise SceneError(f"There is no parameter `{name}`: {suggest(name, self.parameters)}")
 
     def with_parameters(self, values: Mapping[str, Any]) -> HybridSystem:
-        """Return the plant with other parameter values. Nothing is compiled.
+        """Return the plant with other values of some parameters. The machine code of this plant serves the returned plant, too.
 
         Parameters
         ----------
@@ -385,7 +388,7 @@ class HybridSystem(Renamed):
         Raises
         ------
         SceneError
-            If a name is unknown or a value is refused, as by `compose`.
+            If a name is unknown or a value is out of its bounds.
         """
         changed = copy.copy(self)
         changed.values = self.values.copy()
@@ -412,7 +415,7 @@ class HybridSystem(Renamed):
         return changed
 
     def with_time_varying(self, names: Sequence[str]) -> HybridSystem:
-        """Return the plant with scalar parameters as inputs of the same names, so that a run may change them in time.
+        """Return the plant with some scalar parameters turned into inputs of the same names, for changes in time during a run.
 
         An example is rock that becomes harder with depth.
 
@@ -457,12 +460,12 @@ class HybridSystem(Renamed):
         return twin
 
     def mapped(self, change: Callable[[ca.SX], ca.SX]) -> HybridSystem:
-        """Return a copy in which every expression is changed, and nothing is compiled yet.
+        """Return a copy of the plant in which a function has changed every expression. The copy is not compiled.
 
         Parameters
         ----------
         change
-            Function that returns the changed expression.
+            Function expression -> changed expression.
         """
         twin = copy.copy(self)
         twin.flow, twin.elements = change(self.flow), tuple(element.mapped(change) for element in self.elements)

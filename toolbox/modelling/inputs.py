@@ -40,7 +40,7 @@ class Table:
     times, values
         Nodes. The times [s] do not decrease.
     typed
-        Values as they were typed.
+        Values that were typed with units, such as "60 rpm". Empty if none were.
     shape, numbers
         The function of this module that made the table, and its numbers by name. Empty for a table that was given
         directly.
@@ -62,7 +62,7 @@ class Table:
 
     @staticmethod
     def of(name: str, times: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray) -> Table:
-        """Return a checked table. Raises SceneError, which names the input."""
+        """Return a table of the nodes `times` [s] and `values` for the input `name`, after a check. Raises a SceneError that names the input."""
         t, v = finite_array(times), finite_array(values)
         if t is None or v is None:
             raise SceneError(f"Argument `{name}` must be (times, values) of finite numbers, but it is ({times!r}, {values!r}).")
@@ -73,7 +73,11 @@ class Table:
         return Table(t, v)
 
     def segments(self) -> np.ndarray:
-        """Linear pieces of the table, shape (pieces, 4): begin, value there, slope, and time of this value. The first piece begins at -infinity."""
+        """Return the linear pieces of the table, shape (pieces, 4), with the columns begin [s], value, slope, and time
+        at which the piece has this value [s].
+
+        The first piece begins at -infinity.
+        """
         width = np.append(np.diff(self.times), np.inf)
         rise = np.append(np.diff(self.values), 0.0)
         kept = width > 0.0  # of a time that is repeated the last value holds
@@ -83,7 +87,24 @@ class Table:
 
 @dataclass(frozen=True)
 class Shape:
-    """A formula of time with coefficients. A new coefficient needs no compilation. The other fields are the fields of a `Table`."""
+    """Input given by a formula of time with coefficients. `sine`, `sweep` and `noise` make it. Other coefficients need no new compilation.
+
+    Attributes
+    ----------
+    kind
+        Name of the formula.
+    coefficients
+        Coefficients of the formula.
+    typed, shape, numbers
+        The same as for a `Table`.
+
+    Examples
+    --------
+    >>> from toolbox.inputs import sine
+    >>> load = sine(10.0, 2.0, frequency=0.5)
+    >>> print(load.range())
+    (8.0, 12.0)
+    """
 
     kind: str
     coefficients: tuple[float, ...]
@@ -96,15 +117,23 @@ class Shape:
         return _FORMULAS[self.kind](t, c)
 
     def range(self) -> tuple[float, float]:
-        """Smallest and largest value."""
+        """Return the smallest and the largest value of the input (for noise, bounds of them)."""
         most = abs(self.coefficients[1]) * (math.sqrt(2.0 * WAVES) if self.kind == "noise" else 1.0)
         return self.coefficients[0] - most, self.coefficients[0] + most
 
 
 @dataclass(frozen=True)
 class Typed:
-    """A shape whose values were typed with units, such as `ramp("35 rpm", "60 rpm", "60 s", "80 s")`. The values are converted when the driven
-    signal is known."""
+    """Input whose values were typed with units, such as `ramp("35 rpm", "60 rpm", "60 s", "80 s")`.
+
+    The values are converted to SI when the input is connected to a signal.
+
+    Examples
+    --------
+    >>> from toolbox.inputs import ramp
+    >>> print(ramp("30 rpm", "60 rpm", "60 s", "80 s").made("top.reference", "rad/s").values.round(2), "rad/s")
+    [3.14 6.28] rad/s
+    """
 
     shape: Callable[..., Any]
     numbers: Mapping[str, Any]
@@ -244,7 +273,7 @@ def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) ->
 def sweep(mean: float, amplitude: float, start: float, end: float, duration: float) -> Shape:
     """Return a swept sine around `mean`, whose frequency grows linearly in time.
 
-    The frequency goes on growing after `duration`.
+    After `duration` the frequency continues to grow at the same rate.
 
     Parameters
     ----------

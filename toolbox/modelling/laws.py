@@ -38,9 +38,9 @@ SIGNALS = ("measured_signals", "actuated_signals")
 class Controller(Component):
     """Control law. Write your own controller as a frozen dataclass: write `continuous`, `sampled` or both.
 
-    `measured_signals` and `actuated_signals` name the signals that the controller reads and gives. A controller that
-    declares no `measured_signals` may read any signal. In both methods its numeric fields are casadi symbols, so
-    another gain needs no new compilation.
+    The class attributes `measured_signals` and `actuated_signals` name the signals that the controller reads and the
+    signals that it gives. A controller that declares no `measured_signals` may read any signal. In both methods the
+    numeric fields of the controller are casadi symbols, so a changed gain needs no new compilation.
 
     `design(plant)` is called once, with the declared values of the plant. It returns the controller that is used: a
     `Controller`, or a callable (t, y) -> u if the controller cannot be written as a casadi expression (see `Sampled`).
@@ -71,27 +71,37 @@ class Controller(Component):
     """The only sample time [s] at which the law may run; None for any."""
 
     def design(self, plant: HybridSystem) -> Any:
-        """Return the controller with its missing numbers taken from the plant. By default returns itself.
+        """Return the controller whose missing numbers are computed from the plant. By default return the controller itself.
 
         Parameters
         ----------
         plant
-            The plant.
+            The plant, with its declared values.
+
+        Returns
+        -------
+        Controller, or callable (t, y) -> u
+            The controller that is used in the loop.
         """
         return self
 
     def continuous(self, signal: Signal) -> Equations:
-        """Return the continuous form as the equations of a part.
+        """Return the continuous form of the controller: the differential equations of its states, and its outputs.
 
         Parameters
         ----------
         signal
             Function `signal(name, unit, default=...)` that returns the expression of a signal.
+
+        Returns
+        -------
+        Equations
+            Rates of the states of the controller (`flow`) and the signals that it gives (`outputs`).
         """
         raise SceneError(f"{type(self).__name__} has no continuous form: {self._instead('sampled', 'give `sample_time`')}.")
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
-        """Return the sampled form: the update at every sample.
+        """Return the sampled form of the controller: the difference equations of its memory, and its outputs.
 
         Parameters
         ----------
@@ -99,11 +109,17 @@ class Controller(Component):
             Function `signal(name, unit, default=...)` that returns the expression of a signal.
         period
             Symbol of the sample time [s].
+
+        Returns
+        -------
+        Update
+            The next value of each state of the controller (`memory`), and the values that it gives until the next
+            sample (`outputs`), as expressions of the present states and signals.
         """
         raise SceneError(f"{type(self).__name__} has no sampled form: {self._instead('continuous', 'leave out `sample_time`')}.")
 
     def check_period(self, period: float) -> None:
-        """Raise SceneError if the sampled form does not work with a sample time. By default every sample time is allowed.
+        """Raise SceneError if the sampled form does not work with the given sample time. By default every sample time is allowed.
 
         Parameters
         ----------
@@ -196,8 +212,6 @@ def designed(law: Any, plant: HybridSystem) -> Any:
         raise SceneError(f"{type(law).__name__} cannot be designed on this plant with these numbers: {error}") from error
     if not callable(made) and not isinstance(made, Controller):
         raise SceneError(f"`{type(law).__name__}.design` must return a control law, but it returned {made!r}.")
-    if isinstance(made, Controller) and type(made) is not type(law) and made.name is None:
-        return dataclasses.replace(made, name=getattr(law, "name", None) or type(law).__name__.lower())  # one first word for all its numbers
     return made
 
 
@@ -239,10 +253,10 @@ class Sensors(Component):
 class Sampled(Renamed):
     """Controller with its own sample time, delay and sensors.
 
-    In a cascade each controller has its own: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
-    Controllers that sample at the same instant read the values that were held before, in any order of the list. The
-    set-point of an outer controller therefore reaches an inner controller that samples at the same instant one sample
-    later.
+    In a cascade each controller has its own sample time: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01,
+    delay=0.003)]`. Controllers that sample at the same instant read the values that were held before this instant,
+    whatever their order in the list. The inner controller therefore uses a new set-point of the outer controller one of
+    its own samples later.
 
     Period, delay, noise and resolution may be text with a unit: `Sampled(law, "10 ms", delay="30 ms")`.
 
@@ -252,8 +266,8 @@ class Sampled(Renamed):
         A `Controller`, or any callable (t, y) -> u. y holds the measured signals in order; u is a number, or a sequence
         of the actuated signals in order.
 
-        A callable may have an attribute `defaults` {signal: (value, unit)}, for example for `top.reference`. These
-        signals follow in y. They are inputs with this value as default.
+        A callable may have an attribute `defaults` {signal: (value, unit)}, for example for `top.reference`. In y these
+        signals follow after the measured signals. They are inputs of the loop with this value as default.
 
         A callable object is copied (`copy.deepcopy`) for every run, so that each run starts from the same state. A
         plain function is called as it is and should keep no state.
@@ -356,9 +370,9 @@ class Sampled(Renamed):
                 refuse(f"Argument `{word}` of `{name}`", value, "1", bounds)
 
     def sensors(self, measured: Sequence[str]) -> Sensors:
-        """Return the sensors of a controller with these measured signals.
+        """Return noise and resolution of the sensors of a controller, in the order of its measured signals.
 
-        Raises SceneError if `noise` or `resolution` names another signal.
+        Raises SceneError if `noise` or `resolution` names a signal that is not measured.
         """
         for word, given in (("noise", self.noise), ("resolution", self.resolution)):
             for name in given:
@@ -540,14 +554,14 @@ def _told(name: str, known: Iterable[str], sampled: Sampled, plant: HybridSystem
 
 @dataclass(frozen=True)
 class Takeover(Controller):
-    """Two sampled controllers in one run: the first until a time, the second after it, as a drive that is switched on.
+    """Two sampled controllers in one run: `before` acts until the time `at`, `after` acts from this time on, like a drive that is switched on.
 
-    Until the takeover the memory of `after` keeps its start values. After it the memory of `before`, which is recorded
-    as `before.<name>`, stays constant. Signals that only one of them gives are recorded all the time. There is no
-    continuous form.
+    Until the takeover the memory of `after` keeps its start values. After the takeover the memory of `before` stays
+    constant. This memory is recorded as `before.<name>`. Signals that only one of the two controllers gives are
+    recorded during the whole run. A takeover has no continuous form.
 
-    If one of them is designed as a Python callable, such as a predictive controller, the whole controller becomes a
-    callable, and `run.controllers[0].inside` holds the inner one.
+    If one of the two controllers is designed as a Python callable, such as a predictive controller, the takeover
+    becomes a callable, too, and `run.controllers[0].inside` holds this controller.
 
     Parameters
     ----------
@@ -582,7 +596,7 @@ class Takeover(Controller):
 
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Names of the outputs: the outputs of the second controller. The first controller gives all or some of them."""
+        """Names of the outputs: the outputs of the controller `after`. The controller `before` gives all or some of these signals."""
         return self.after.actuated_signals
 
     def design(self, plant: HybridSystem) -> Controller:

@@ -14,7 +14,7 @@ from toolbox.arguments import refuse
 from toolbox.errors import SceneError
 from toolbox.modelling import inputs as shapes
 from toolbox.modelling.components import numbers_of
-from toolbox.modelling.design_fields import first_word, redesigned
+from toolbox.modelling.design_fields import redesigned
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, ZeroOrderHold, check_sampled
 from toolbox.modelling.start import row_of
@@ -322,9 +322,16 @@ def clock_prefixes(loop: Loop) -> dict[str, int]:
         known = {}
         for index, law in enumerate(loop.controllers):
             if isinstance(law, Sampled):
-                known.setdefault(first_word(loop, index), index)
+                known.setdefault(_prefix(loop, index), index)
         loop.__dict__["clock_prefixes"] = known
     return known
+
+
+def _prefix(loop: Loop, index: int) -> str:
+    law = loop.controllers[index].law
+    if isinstance(law, Controller) and type(law).design is Controller.design and (path := clock_path(loop, index)) is not None:
+        return path.rpartition(".")[0]
+    return getattr(law, "name", None) or getattr(law, "__name__", type(law).__name__).lower()
 
 
 def sampled_owner(loop: Loop, name: str) -> int:
@@ -342,16 +349,13 @@ def clock_value(loop: Loop, name: str) -> tuple[ClockKind, float] | None:
 
 
 def former_name(loop: Loop, name: str) -> str | None:
-    """The name now of a number that had another name; None for a name that never was one.
-
-    Numbers of one controller began with the word of the class that it was declared as, or of that which its design made.
-    """
-    first, _, rest = name.partition(".")
-    for index, (given, made) in enumerate(zip(loop.controllers, loop.designed_controllers, strict=True)):
-        law = given.law if isinstance(given, Sampled) else given
-        words = {kind.__name__.lower() for each in (law, made) if isinstance(each, Controller) for kind in type(each).__mro__}
-        now = f"{first_word(loop, index)}.{'sample_time' if rest == 'period' else rest}"
-        if first in words | {first_word(loop, index)} and now != name and now in loop.variable_numbers():
+    """The name now of a number that had another name; None for a name that never was one."""
+    head, _, word = name.rpartition(".")
+    if word not in ("period", "sample_time"):
+        return None
+    for prefix, index in clock_prefixes(loop).items():
+        path, now = clock_path(loop, index), f"{prefix}.sample_time"
+        if path is not None and head in (prefix, path.rpartition(".")[0]) and name != now:
             return now
     return None
 

@@ -45,21 +45,42 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True)
 class Observer(Controller):
-    """Observer, for use inside `ObserverBasedController`. Write `sampled` and `continuous` as for a controller.
+    """Observer that estimates signals, for use inside `ObserverBasedController`. Write `sampled`, `continuous` or both, as for a `Controller`.
 
     The outputs of these methods are estimates, under the names of the signals that they estimate. `measured_signals`
     names the signals that the observer reads, and `estimates` the signals that it estimates. Estimates must depend only
     on measurements and states, not on the command of the same instant.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from controllers import PI
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, Update, closed_loop, compose
+    >>> from toolbox.modelling import Observer, ObserverBasedController
+    >>> @dataclass(frozen=True)
+    ... class RigidString(Observer):
+    ...     measured_signals = ("top.speed",)
+    ...     estimates = ("bit.speed",)
+    ...
+    ...     def sampled(self, signal, period):
+    ...         return Update(memory={}, outputs={"bit.speed": (signal("top.speed", "rad/s"), "rad/s")})
+    >>> law = ObserverBasedController(PI(reference="60 rpm"), RigidString())
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(law, "10 ms"))
+    >>> print(loop.controller_names[0].partition(" (")[0])
+    ObserverBasedController, sampled every 10 ms: law PI
     """
 
     estimates: ClassVar[tuple[str, ...]] = ()
 
     def create_estimator(self, plant: HybridSystem) -> Estimator | None:
-        """Return the estimator of an observer that cannot be written as a casadi expression, such as an optimising observer. None by default."""
+        """Return the estimator, a Python object, of an observer that cannot be written as a casadi expression, such as
+        an optimising observer. By default return None.
+        """
         return None
 
     def design(self, plant: HybridSystem) -> Observer:
-        """Return the observer with missing numbers taken from the plant. By default returns itself."""
+        """Return the observer whose missing numbers are computed from the plant. By default return the observer itself."""
         return self
 
 
@@ -76,19 +97,32 @@ class ObserverBasedController(Controller):
     Parameters
     ----------
     law
-        The controller. It reads the estimate of a signal if the observer estimates it, else the signal itself.
+        The controller. For a signal that the observer estimates it reads the estimate, for any other signal the signal
+        itself.
     observer
         The observer.
     name
         Name of the part.
     delay_samples
-        Number of samples by which a command reaches the plant later (delay / period), as the observer assumes it. For
-        sampled controllers only.
+        Delay of a command on its way to the plant that the observer assumes, in samples (delay / period), by default 0.
+        For sampled controllers only.
 
     Raises
     ------
     SceneError
         If the units of estimates and signals differ, or an estimate depends on the command of the same instant.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from controllers.observers import DisturbanceObserver
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> from toolbox.modelling import ObserverBasedController
+    >>> law = ObserverBasedController(PI(reference="60 rpm"), DisturbanceObserver())
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(law, "10 ms"))
+    >>> print(loop.controller_names[0].partition(" (")[0])
+    ObserverBasedController, sampled every 10 ms: law PI
     """
 
     law: Controller = field(default_factory=Controller)
@@ -100,11 +134,11 @@ class ObserverBasedController(Controller):
 
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Names of the outputs: the outputs of the controller."""
+        """Names of the outputs: the outputs of the inner controller `law`."""
         return self.law.actuated_signals
 
     def design(self, plant: HybridSystem) -> Any:
-        """Return the controller and the observer designed on the plant.
+        """Return the controller with its inner controller `law` and its observer designed on the plant.
 
         The result is a Python callable if the observer cannot be written as a casadi expression.
         """

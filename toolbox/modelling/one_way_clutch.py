@@ -12,7 +12,7 @@ from toolbox.modelling.elements import Element
 
 
 class OneWayClutch(Element):
-    """One-way clutch (freewheel, sprag clutch) or ratchet without play: locked forwards, free backwards.
+    """One-way clutch (freewheel, sprag clutch) or ratchet without play, locked against positive slip and free for negative slip.
 
         locked:  slip = 0 and force >= 0          free:  slip < 0 and force = 0
 

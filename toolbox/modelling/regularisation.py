@@ -63,7 +63,7 @@ class SmoothSystem(HybridSystem):
 
 @new_names_only
 def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, match_static_peak: bool = True) -> SmoothSystem:
-    """Return a plant whose dry friction is regularised with a given width.
+    """Return a plant whose set-valued dry friction is replaced by a smooth function of the slip speed with a given width.
 
     The result can be simulated and linearised, and its `to_casadi` can be given to any other integrator. Switches of
     elastic contacts, and of controllers that switch, remain. The parameters `<element>.smoothing_width` and
@@ -74,10 +74,11 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, match_s
     plant
         The plant.
     width
-        Width for all contacts and relays [unit of their slip]. Or {element: width}: elements that are left out stay
-        set-valued.
+        Slip speed within which friction rises to its peak, for all contacts and relays [unit of their slip]. Or
+        {element: width}: elements that are left out stay set-valued.
     match_static_peak
-        Whether the peak of the regularised friction is the static friction.
+        Whether the peak of the regularised friction is the static friction, by default True. Otherwise the peak is the
+        lower value that tanh gives.
 
     Returns
     -------
@@ -198,8 +199,8 @@ def regularised(width: float, match_static_peak: bool = True) -> Regularisation:
     width
         Slip speed within which the force rises [unit of the slip].
     match_static_peak
-        Whether the peak of the smooth friction is the static bound. Otherwise the peak is the lower value that tanh
-        gives.
+        Whether the peak of the smooth friction is the static bound, by default True. Otherwise the peak is the lower
+        value that tanh gives.
 
     Returns
     -------

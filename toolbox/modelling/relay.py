@@ -10,7 +10,8 @@ from toolbox.modelling.elements import Element
 class Relay(Element):
     """Ideal switch u = -bound sgn(surface), with true sliding on surface = 0.
 
-    During sliding the mode is "stick". The force is then the equivalent control, inside [-bound, bound].
+    While surface = 0 is held (sliding), the mode is "stick", and the force is the equivalent control, inside [-bound,
+    bound].
 
     The surface must have relative degree one with a positive gain: d(surface)/dx d(flow)/d(force) > 0. Otherwise
     `compose` raises SceneError.

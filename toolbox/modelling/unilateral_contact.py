@@ -17,17 +17,32 @@ class UnilateralContact(Element):
         elastic (stiffness k, damping c):  N = k d + c d' while closed; closes when d and k d + c d' are both positive, opens at N = 0
         rigid (restitution e):             d' = 0 while closed, opens at N = 0; an impact turns d' into -e d'
 
-    `closure` d is negative while the contact is open. `rate` is d'. Give either `stiffness` or `restitution`.
+    `closure` d is negative while the contact is open. `rate` is d'. Give either `stiffness` or `restitution`. Stiffness
+    and damping may be expressions. For example, `damping=c * stiffness * closure` is the contact of Hunt and Crossley,
+    N = k d (1 + c d').
 
     - In the equations of motion N must act against the closure, with the sign that reduces d'.
-    - Friction at the contact is a `DryFriction` with load N, declared after it.
+    - Friction at the contact is a `DryFriction` with load N. List it after the unilateral contact in `elements`.
     - A rigid impact includes a Coulomb impulse of the same friction law. The energy never rises: if Newton's
       restitution would increase it, the impact is plastic.
-    - Bounces that are too small to be resolved close the contact.
+    - When the bounces become too small to be resolved, the contact closes.
     - For the energy audit, `stored` [J] is the energy of the elastic contact and `loss` [W] the power of its damper.
       Energy that the spring still holds at opening is lost, as in an impact.
 
     Source: B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer 2016.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from toolbox import Component, Equations, UnilateralContact, compose, state
+    >>> @dataclass(frozen=True)
+    ... class Ball(Component):
+    ...     def equations(self, signal):
+    ...         z, v = state("ball.height", "m"), state("ball.speed", "m/s")
+    ...         floor = UnilateralContact("floor", closure=-z, rate=-v, restitution=0.8)
+    ...         return Equations(flow={z: v, v: floor.force - 9.81}, elements=[floor])
+    >>> print(compose(Ball()))
+    HybridSystem(Ball): 2 states (ball.height, ball.speed); contacts: floor; inputs: none
     """
 
     mode_names: Mapping[int, str] = {1: "open", 0: "closed"}

@@ -65,16 +65,16 @@ def onset(
     accuracy: float | None = None,
     initial_controller: Controller | Sampled | None = None,
 ) -> Onset:
-    """Find the values of one parameter or input at which smooth running, stick-slip and standstill begin and end.
+    """Find the borders of one parameter or input between smooth running, stick-slip and standstill.
 
     Use it to find, for example, the lowest set-point or the highest weight on bit at which a machine runs smoothly, and
-    the margin of the operating point to this border. The result also contains the Hopf points of smooth running. The
-    function works for every kind of controller.
+    the margin of the operating point to this border. The result also contains the Hopf points of smooth running. This
+    works for every kind of controller.
 
     Definitions:
 
-    - Smooth running is lost at the value from which on a small disturbance of the running loop grows.
-    - Stick-slip means that the same stick phase returns, after any time.
+    - Smooth running is lost at the value at which small disturbances of the running loop begin to grow.
+    - Stick-slip is a motion in which the same stick phase is repeated periodically, with any period.
     - Standstill is a stick phase that never ends (`toolbox.measuring.judge`).
 
     Method: the limit cycle of stick-slip is followed to the value at which it is no longer stable. For a loop with a
@@ -82,7 +82,7 @@ def onset(
     parameter in small steps. Stick-slip is also searched outside both ends of the range. So the result depends neither
     on the range nor on one start.
 
-    If a parameter of the plant varies, a controller keeps its design on the nominal plant.
+    If a parameter of the plant varies, a controller keeps the design that it has on the declared plant.
 
     Parameters
     ----------
@@ -118,7 +118,9 @@ def onset(
     Returns
     -------
     Onset
-        The borders `loss`, `end`, `stall` and the others, with Hopf points and margins. `print` and `plot` show them.
+        The borders, with Hopf points and the margins of the operating point. `print` and `plot` show them. `loss` is
+        the value at which smooth running is lost, `end` the value at which stick-slip ends in rotation, `stall` the
+        value at which stick-slip ends in standstill, and `breakaway` the value at which standstill ends.
 
     Raises
     ------

@@ -83,7 +83,8 @@ class SeverityMap(Told, Result):
     title
         Name of the loop.
     names, units, axes
-        The two numbers along the rows and the columns of all arrays.
+        Names, units and values of the two numbers. The first number varies along the rows of all arrays, the second
+        along the columns.
     element, signal
         The contact and the speed that were judged.
     smooth, sticking
@@ -94,10 +95,10 @@ class SeverityMap(Told, Result):
         Segments of the borders "smooth" and "sticking", each of shape (k, 2, 2): segment, end, (first, second number).
         The segments of a line are in order.
     duration, accuracy
-        Longest time for which a run was continued until it was decided [s], and accuracy of the runs.
+        Longest time for which a run was continued until its regime was decided [s], and accuracy of the runs.
     resolution
-        Resolution of borders that come from runs, as a fraction of a cell. If the growth is known, smooth running is
-        lost at its change of sign.
+        Resolution of borders that come from runs, as a fraction of a cell. If `growth` is known, the border "smooth"
+        lies at its change of sign, and this resolution does not apply.
     failures
         Reasons why runs failed: {(branch, i, j): message}.
     runs
@@ -144,9 +145,9 @@ class SeverityMap(Told, Result):
 
     @property
     def regions(self) -> dict[str, BoolArray]:
-        """Return the behaviour of the machine on both branches as boolean arrays.
+        """Behaviour of the machine on both branches, as {behaviour: whether each point of the grid has it, shape of the grid}.
 
-        The keys are "free", "bistable", "smooth or stuck", "stick-slip", "swing", "stuck" and "none".
+        The behaviours are "free", "bistable", "smooth or stuck", "stick-slip", "swing", "stuck" and "none".
         """
         sticks, stands = self.sticking.verdict == STICK_SLIP, self.sticking.verdict == STUCK
         calm, none = self.smooth.verdict == SMOOTH, (self.smooth.verdict == NONE) | (self.sticking.verdict == NONE)
@@ -201,15 +202,15 @@ class SeverityMap(Told, Result):
     def border(self, name: str, along: float) -> FloatArray:
         """Return the values of the first number at which a border crosses a value of the second number, ascending.
 
-        Between the values of the grid a border is a straight line. A curved border therefore deviates by more than
-        `resolution` there.
+        Between two values of the grid the border is a straight line. The error at a curved border can therefore be
+        larger than `resolution`.
 
         Parameters
         ----------
         name
             "smooth" or "sticking".
         along
-            The value of the second number.
+            The value of the second number, in SI.
 
         Raises
         ------
@@ -225,7 +226,9 @@ class SeverityMap(Told, Result):
         return np.unique(x[crossing])
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw both branches side by side with all borders (`toolbox.onsets.figures.severity_panels`)."""
+        """Draw the severity from smooth running and from stick-slip side by side, with all borders
+        (`toolbox.onsets.figures.severity_panels`). Return the axes.
+        """
         from toolbox.onsets.figures import severity_panels
 
         return severity_panels(self, axes)
@@ -270,7 +273,7 @@ class SeverityMap(Told, Result):
         return {**notes, **sides, **held}
 
     def check_loaded(self) -> None:
-        """Raise ValueError where arrays, borders or errors do not fit to the grid."""
+        """Raise ValueError if arrays, borders or failures do not fit the grid."""
         grid = ("rows", "columns")
         found = {"growth": self.growth} | {f"axis.{k}": axis for k, axis in enumerate(self.axes)}
         shapes: dict[str, Shape] = {"axis.0": ("f", "rows"), "axis.1": ("f", "columns"), "growth": ("f", *grid)}
@@ -298,7 +301,7 @@ def severity_map(
     executor: concurrent.futures.Executor | None = None,
     checkpoint: str | Path | None = None,
 ) -> SeverityMap:
-    """Map the severity of stick-slip over two inputs or parameters, from smooth running and from stick-slip.
+    """Map the severity of stick-slip over two inputs or parameters, for runs from smooth running and for runs from stick-slip.
 
     The map contains both branches of the machine (runs from smooth running and runs from stick-slip), the border at
     which smooth running is lost, and the border at which stick-slip ends. As in `onset`, the borders follow from the

@@ -28,8 +28,8 @@ def cycle_phases(run: Trajectory, count: int = 8) -> list[dict[str, Any]]:
     """Return states and commands at equally spaced phases of the last stick-slip cycle of a run, as starts of other
     runs.
 
-    A sampled controller that starts from them takes over without a jump of its command. `TakenOver` does the same on
-    the plant that is judged.
+    A sampled controller that starts from these values takes over without a jump of its command.
+    `toolbox.robustness.TakenOver` makes such starts on each plant that is judged.
 
     Parameters
     ----------

@@ -18,9 +18,16 @@ from toolbox.vocabulary import Renamed
 
 @dataclass(frozen=True)
 class Bifurcation:
-    """Point of a branch at which the kind of the cycle changes: its kind, the value of the parameter, and the cycle.
+    """Point of a branch of limit cycles at which the stability or the sequence of switches of the cycle changes.
 
-    If the sequence of switches changes, the cycle is the last one before the change.
+    Attributes
+    ----------
+    kind
+        Kind of the bifurcation, such as "fold".
+    value
+        Value of the parameter.
+    cycle
+        The cycle at this point. If the sequence of switches changes, the last cycle before the change.
     """
 
     kind: str
@@ -33,14 +40,14 @@ class Bifurcation:
 
 @dataclass
 class Branch(Renamed):
-    """Limit cycles along a parameter: `branch.values`, `branch.periods`, `branch.stable`, `branch.bifurcations`, `branch.plot("bit.speed")`.
+    """Limit cycles along a parameter, the result of `follow`: `branch.values`, `branch.periods`, `branch.stable`, `branch.plot("bit.speed")`.
 
     Attributes
     ----------
     parameter, unit
         Name and unit of the parameter.
     values
-        Its values, shape (points,).
+        Values of the parameter, shape (points,).
     cycles
         One `Cycle` per value.
     bifurcations
@@ -49,6 +56,15 @@ class Branch(Renamed):
         Reason for the end of the branch.
     display_units
         {SI unit: unit that was typed}: the units of report and figure.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, follow, limit_cycle
+    >>> cycle = limit_cycle(compose(BlockOnBelt()), settle="60 s")
+    >>> branch = follow(cycle, "block.belt_speed", (0.1, 0.4), points=3)
+    >>> print(f"{branch.periods[0]:.2f} s at {branch.values[0]:.2f} m/s, all stable: {branch.stable.all()}")
+    12.00 s at 0.20 m/s, all stable: True
     """
 
     parameter: str
@@ -61,38 +77,39 @@ class Branch(Renamed):
 
     @property
     def loop(self) -> ClosedLoop:
-        """The loop of the first cycle. Each cycle has its own `loop`, with its value of the parameter."""
+        """The loop of the first cycle. `branch.cycles[i].loop` is the loop with the value of the parameter of cycle i."""
         return self.cycles[0].loop
 
     @property
     def periods(self) -> FloatArray:
-        """Period of every cycle [s]."""
+        """Period of every cycle [s], shape (points,)."""
         return np.array([cycle.period for cycle in self.cycles])
 
     @property
     def stable(self) -> BoolArray:
-        """Whether every cycle is stable."""
+        """For each cycle: whether it is stable, shape (points,)."""
         return np.array([cycle.stable for cycle in self.cycles])
 
     def extremes(self, signal: str) -> FloatArray:
-        """Smallest and largest value of a signal over every cycle, shape (points, 2)."""
+        """Return the smallest and the largest value of a signal over each cycle, shape (points, 2)."""
         return np.array([cycle.extremes(signal) for cycle in self.cycles])
 
     def plot(self, signal: str | None = None, ax: Any = None) -> Any:
-        """Draw the bifurcation diagram: the largest and the smallest value of a signal, solid if stable and dashed if not, with bifurcations
-        marked.
+        """Draw the bifurcation diagram: the largest and the smallest value of a signal over the parameter.
+
+        Lines of stable cycles are solid, lines of unstable cycles are dashed, and bifurcations are marked.
 
         Parameters
         ----------
         signal
-            Name of a scalar signal; without it, the one that is judged or says most.
+            Name of a scalar signal. By default the signal that the loop judges, else the most important signal.
         ax
-            Axes to draw into.
+            Axes to draw into. By default a new figure.
 
         Returns
         -------
         Axes
-            What was drawn into.
+            The axes.
 
         Raises
         ------

@@ -54,19 +54,19 @@ def follow(
 ) -> Branch:
     """Follow a branch of limit cycles while a parameter changes, by pseudo-arclength continuation.
 
-    Use it to find the range of the parameter in which stick-slip exists. Folds, period doublings and grazings are
-    located on the way.
+    Use this function to find the range of the parameter in which stick-slip exists. Folds, period doublings and
+    grazings of the branch are located.
 
     If the parameter is the frequency of a sine, the period of the cycle changes with it. If a part contains the
-    frequency in its equations, the period does not change.
+    frequency as a number of its own equations, the search keeps the period constant.
 
-    The branch ends at the first end of `bounds` that it reaches, after `points` cycles, at a Hopf point, or if no
+    The branch ends when the parameter reaches one of its `bounds`, after `points` cycles, at a Hopf point, or if no
     further cycle is found. `stop_reason` of the result gives the reason.
 
     Parameters
     ----------
     cycle
-        A cycle of the branch, as `limit_cycle` returns it.
+        A cycle at which the branch begins, as `limit_cycle` returns it.
     parameter
         Name of a parameter of the plant or of a controller, of a constant input, or of a number of a sine.
     bounds
@@ -76,9 +76,10 @@ def follow(
     step
         Largest step of the arclength, as a fraction of the range and of the size of the states.
     start_towards
-        The end of the range to start towards. By default the farther one.
+        The end of the range (low or high) towards which the branch is followed first. By default the end that is
+        farther away.
     stop_at_bifurcation
-        Whether to end at the first bifurcation.
+        Whether the branch ends at the first bifurcation, by default False.
 
     Returns
     -------
@@ -88,7 +89,7 @@ def follow(
     Raises
     ------
     SceneError
-        If an argument is wrong.
+        If `parameter` is not such a name, the range is empty, or an argument is out of its bounds.
 
     Examples
     --------

@@ -67,7 +67,8 @@ def limit_cycle(
 
         - With periodic inputs: the period of its forcing, or a multiple of it. By default the period of its sines.
         - Without periodic inputs: a guess of the period. By default the time after which the run returns to its state.
-          With a guess and a start of the loop no settling is needed, and unstable cycles are found too.
+          If this guess and start values of the loop are given, `settle` is not needed, and unstable cycles can be
+          found, too.
         - With a sampled controller: the period of the alternating reference or load, an integer multiple of the sample
           time.
     accuracy
@@ -83,9 +84,9 @@ def limit_cycle(
     CycleError
         If no periodic motion is found.
     GrazingError
-        If the cycle touches a switching surface.
+        If the cycle touches a switching surface without crossing it.
     SceneError
-        If an argument is wrong.
+        If an argument is out of its bounds, or does not fit the loop.
 
     Examples
     --------

@@ -32,12 +32,25 @@ ON_CIRCLE = 1e-9
 
 
 class CycleError(SimulationError):
-    """Error if no periodic motion is found. `run` is the last run of the search."""
+    """Error of `limit_cycle` if it finds no periodic motion. `run` is the last run of the search.
+
+    Examples
+    --------
+    >>> from models import Block
+    >>> from toolbox import compose, limit_cycle
+    >>> from toolbox.orbits import CycleError
+    >>> try:
+    ...     limit_cycle(compose(Block(damping=0.5)), settle="60 s")
+    ... except CycleError as error:
+    ...     print(f"last run of {error.run.end:.0f} s")
+    last run of 60 s
+    """
 
 
 @dataclass(frozen=True)
 class Cycle(Told):
-    """Periodic motion: `cycle.period`, `cycle.multipliers`, `cycle.stable`, `cycle.amplitude("bit.speed")`, `print(cycle)`, `cycle.plot()`.
+    """Periodic motion, the result of `limit_cycle`: `cycle.period`, `cycle.multipliers`, `cycle.stable`,
+    `cycle.amplitude("bit.speed")`, `print(cycle)`, `cycle.plot()`.
 
     Attributes
     ----------
@@ -49,16 +62,16 @@ class Cycle(Told):
     monodromy_indices
         Indices of the periodic quantities, in the order of the rows and columns of `monodromy`.
     multipliers
-        Eigenvalues of `monodromy` (Floquet multipliers), the largest first. For a cycle of an autonomous system without
-        the multiplier 1, which belongs to the phase.
+        Eigenvalues of `monodromy` (Floquet multipliers), the largest first. For an autonomous system the multiplier 1,
+        which belongs to a shift in time, is left out.
     forced
         Whether time appears in the equations.
     newton_step
-        Size of the last Newton step, relative.
+        Size of the last Newton step, as a fraction of the size of the motion [1].
     iterations
         Number of Newton steps.
     last_period_change
-        The last change of the period [s].
+        Change of the period in the last Newton step [s].
 
     Examples
     --------
@@ -81,7 +94,7 @@ class Cycle(Told):
 
     @property
     def loop(self) -> ClosedLoop:
-        """Loop of this motion, with the numbers of the cycle."""
+        """Loop that has this periodic motion, with the values of its numbers."""
         return self.run.run.loop
 
     @property
@@ -91,21 +104,21 @@ class Cycle(Told):
 
     @property
     def memory(self) -> np.ndarray:
-        """Memory of the sampled laws at time 0 of the cycle, one law after the other."""
+        """Memory of the sampled controllers at time 0 of the cycle, controller after controller, shape (n_m,)."""
         return self.run.run.start.memory
 
     @property
     def stable(self) -> bool:
-        """Whether all multipliers lie inside the unit circle, so that the cycle is asymptotically stable. A cycle without energy loss is not."""
+        """Whether all multipliers lie inside the unit circle, so that the cycle is asymptotically stable. False for a cycle without energy loss."""
         return bool(np.abs(self.multipliers).max(initial=0.0) < 1.0 - ON_CIRCLE)
 
     @property
     def signature(self) -> tuple[tuple[str, str, str], ...]:
-        """The switches of one period, in a form that is independent of the start."""
+        """The switches of one period as (element, mode before, mode after), independent of the instant chosen as the begin of the period."""
         return signature_of(self.run)
 
     def extremes(self, signal: str) -> tuple[float, float]:
-        """Smallest and largest value of a scalar signal over the period."""
+        """Return the smallest and the largest value of a scalar signal over the period."""
         found = []
         for sign in (1.0, -1.0):
             times = np.unique(np.concatenate([self.run.time, np.linspace(0.0, self.run.end, 400)]))
@@ -117,17 +130,19 @@ class Cycle(Told):
         return found[0], found[1]
 
     def amplitude(self, signal: str) -> float:
-        """Half of the difference between the largest and the smallest value of a scalar signal."""
+        """Return half of the difference between the largest and the smallest value of a scalar signal over the period."""
         low, high = self.extremes(signal)
         return (high - low) / 2
 
     def stick_share(self, element: str) -> float:
-        """Return the fraction of the period that an element sticks, from 0 to 1."""
+        """Return the fraction of the period during which an element sticks, from 0 to 1."""
         return self.run.time_in(element, "stick") / self.period
 
     @property
     def main_signal(self) -> str:
-        """The judged signal if the loop names one, else the speed of the rubbing part, such as the bit, else the most important signal."""
+        """Name of the judged signal if the loop has a judged signal. Otherwise the speed at the contact, such as
+        `bit.speed`, or the most important signal.
+        """
         speeds = [f"{contact}.speed" for contact in self.run.contacts if f"{contact}.speed" in self.run.names]
         return self.loop.signal or next(iter([*speeds, *self.run.main_signals]))
 
@@ -140,7 +155,7 @@ class Cycle(Told):
             Names of two scalar signals. By default `y` is the judged or most important signal, and `x` the state whose
             rate it is, or another state.
         ax
-            Axes to draw into.
+            Axes to draw into. By default a new figure.
 
         Raises
         ------

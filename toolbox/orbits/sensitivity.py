@@ -29,18 +29,34 @@ from toolbox.simulation.trajectory import Trajectory
 
 
 class Sensitivity:
-    """Derivatives of a run: `d["bit.speed"]` (nt, k), `d.end("bit.speed")` (k,), `d.event_times` (events, k), `d.time_in("bit", "stick")` (k,).
+    """Derivatives of a run with respect to k numbers, the result of `sensitivity`.
 
-    Derivatives are taken at a fixed time. Between an event and its image in a neighbouring run the two runs differ by a jump, which is in `event_times`.
+    With the result `d`:
+
+    - `d["bit.speed"]`: derivatives of a signal at the times `d.time`, shape (nt, k);
+    - `d.end("bit.speed")`: at the end of the run, shape (k,);
+    - `d.event_times`: derivatives of the times of events, shape (events, k);
+    - `d.time_in("bit", "stick")`: derivatives of the time in a mode, shape (k,).
+
+    Derivatives of signals are taken at a fixed time. If a signal jumps at an event, the effect of the shifted event on
+    the signal is not in `d["..."]`: it follows from `d.event_times`.
 
     Attributes
     ----------
     run
         The trajectory.
     to
-        The k names, in the order of the last axis.
+        Names of the k numbers, in the order of the last axis.
     time
-        Times of the derivatives [s], those of the run.
+        Times of the derivatives [s], the recorded times of the run, shape (nt,).
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, sensitivity, simulate
+    >>> d = sensitivity(simulate(compose(BlockOnBelt()), "20 s"), "block.mass")
+    >>> print(d["block.speed"].shape, d.time_in("belt", "stick").round(2), "s/kg")
+    (41, 1) [-0.47] s/kg
     """
 
     def __init__(self, run: Trajectory, to: tuple[str, ...], order: np.ndarray, columns: tuple[int, ...], tangent: Any):
@@ -52,7 +68,7 @@ class Sensitivity:
 
     @property
     def loop(self) -> ClosedLoop:
-        """The loop that was run."""
+        """The loop that was simulated."""
         return self.run.run.loop
 
     @cached_property
@@ -69,7 +85,7 @@ class Sensitivity:
         return values[:, 0] if values.shape[1] == 1 else values
 
     def end(self, name: str) -> np.ndarray:
-        """Return the derivatives of a signal at the end of the run, shape (k,) or (size, k)."""
+        """Return the derivatives of a signal at the end of the run, shape (k,). For a vector signal, shape (size, k)."""
         values = self._of(name, self._tangent.end[None], self.run.at(self.run.end))[0]
         return values[0] if values.shape[0] == 1 else values
 
@@ -118,8 +134,9 @@ class Sensitivity:
     def peak(self, name: str, after: float = 0.0) -> np.ndarray:
         """Return the derivatives of the largest value of a scalar signal after a time [s], shape (k,).
 
-        They are the derivatives at the time of the peak, whose own shift has no effect. Raises SceneError if the
-        largest value is at an end of the window, because it is then no peak.
+        These are the derivatives of the signal at the time of the peak. A shift of this time has no effect, because the
+        slope at the peak is zero. Raises SceneError if the largest value is at an end of the window, because it is then
+        no peak.
         """
         from toolbox.measuring.measure import extent
 
@@ -159,16 +176,18 @@ class Sensitivity:
         return total / (end - begin)
 
     def settling(self, name: str, target: float, band: float = 0.02, *, after: float = 0.0, size: float | None = None) -> np.ndarray:
-        """Return the derivatives of `measure.settling`, shape (k,): -(dy/dp) / y' at the last crossing of the band.
+        """Return the derivatives of `measure.settling(run, name, target, band, ...)`, shape (k,): -(dy/dp) / y' at the last crossing of the band.
 
-        Raises SceneError where the signal does not come to stay in the band during the run, so that there is no derivative.
+        Raises SceneError if the signal does not stay in the band until the end of the run, because there is then no
+        derivative.
 
         Parameters
         ----------
         name
             Name of a scalar signal.
         target, band, after, size
-            As in `measure.settling`.
+            Target, half-width of the band, begin of the window [s] and size, with the meanings and defaults of
+            `measure.settling`.
         """
         from toolbox.measuring.measure import settling
 

@@ -68,12 +68,22 @@ class _Cancelled(Exception):
 
 
 class Page:
-    """Page that is served while its process lives, or until `close`. In a notebook the page shows itself in a frame.
+    """Web page that `explore` serves until its process ends, or until `close` is called. A notebook shows the page in a frame.
 
     Attributes
     ----------
     address
         Address of the page for a browser on this computer, with the secret token.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose
+    >>> from toolbox.page import explore
+    >>> page = explore(compose(BlockOnBelt()), "60 s")
+    >>> print(page.address.startswith("http://127.0.0.1:"))
+    True
+    >>> page.close()
     """
 
     def __init__(self, loops: Mapping[str, ClosedLoop], scene: Scene | None, path: str | None, system: str | None, port: int):
@@ -101,11 +111,11 @@ class Page:
 
     @property
     def address(self) -> str:
-        """Address of the page for a browser on this computer."""
+        """Address of the page for a browser on this computer, with the secret token."""
         return self.server.address
 
     def close(self) -> None:
-        """End the page."""
+        """Stop serving the page."""
         self._maps.clear()
         self._closed = True
         self.server.shutdown()
@@ -317,7 +327,9 @@ class Page:
         return found
 
     def warm(self) -> None:
-        """Run and map the first view of the page, so that all code is compiled before a user waits. Stops when the page ends."""
+        """Compute the first view of the page in advance, so that all code is compiled before a user waits for it. The
+        computation stops when the page is closed.
+        """
         told: dict[str, Any] = {"page": "", "setting": {"label": next(iter(self.loops)), "changes": {}, "disturbance": ""}}
         with contextlib.suppress(SceneError, SimulationError):
             self._answer("run", told)
@@ -376,7 +388,7 @@ def _newest(known: dict[str, object], page: str) -> object:
 
 
 def explore(loop: ClosedLoop | HybridSystem | Scene, duration: NumberOrText | None = None, *, port: int | None = None) -> Page:
-    """Serve a web page that changes numbers of a loop and simulates the loop at once.
+    """Serve a web page on which numbers of a loop can be changed. The page simulates the loop after each change.
 
     The page shows traces, phase plane, spectrum, poles, the verdict with its reason, and the operating point on a map
     of two numbers with both borders of stick-slip. A notebook shows the page in a frame, and `print` gives its
@@ -395,7 +407,7 @@ def explore(loop: ClosedLoop | HybridSystem | Scene, duration: NumberOrText | No
     Returns
     -------
     Page
-        The page. A browser opens `.address`.
+        The page. Open its `address` in a browser.
 
     Raises
     ------

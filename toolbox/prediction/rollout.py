@@ -37,15 +37,15 @@ from toolbox.prediction.rollout_loop import Motion, advance_rollout
 class Rollout:
     """Compiled prediction of a plant: `advance` computes states and derivatives, `states` computes only the states and is faster.
 
-    Modes are 0 (stick), 1 and -1. `scale` holds one factor per contact, which multiplies its load; it is a view into
-    which values may be written.
+    Modes are 0 (stick), 1 and -1 (slip in either direction). `scale` holds one factor per contact, which multiplies the
+    load of the contact. Values may be written into the array `scale`.
 
     Parameters
     ----------
     plant
         A plant whose contacts are `DryFriction`.
     actuated_signals
-        Names of the inputs that vary. The others stay at their defaults.
+        Names of the inputs that vary. All other inputs have their default values.
     interval
         Length of an interval with constant inputs [s].
     steps
@@ -102,7 +102,7 @@ class Rollout:
 
     @property
     def scale(self) -> np.ndarray:
-        """Factors of the loads, a view into which values may be written."""
+        """Factor of the load of each contact, shape (contacts,). Values may be written into this array."""
         return self.numbers[self.plant.values.size :]
 
     def __reduce__(self) -> Any:
@@ -116,7 +116,7 @@ class Rollout:
         return twin
 
     def modes(self, state: np.ndarray) -> np.ndarray:
-        """Return the modes for the slips of a state: 0 if a slip is exactly zero."""
+        """Return the mode of each contact at a state, shape (contacts,): the sign of its slip, 0 if the slip is exactly zero."""
         if not self.contacts:
             return np.zeros(0)
         if self.slip is not None:
@@ -146,9 +146,10 @@ class Rollout:
         state
             States at the beginning, shape (n,).
         inputs
-            Inputs of each interval, shape (N, n_u), in the order of `drives`.
+            Inputs of each interval, shape (N, n_u), in the order of `actuated_signals`.
         interval
-            Another length of the intervals [s] than that of the rollout, in as many steps.
+            Length of an interval [s], with the same number of steps. By default the length that was given for the
+            rollout.
         """
         motion = self.motion(state, inputs, interval, derivatives=True)
         advance_rollout(motion)
@@ -161,7 +162,10 @@ class Rollout:
         return motion.X, motion.M
 
     def motion(self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None, derivatives: bool = False) -> Motion:
-        """Return a motion to be predicted by `advance_rollout`, or by the loop of a controller, with or without derivatives."""
+        """Return the arrays of a motion, which `advance_rollout` or the compiled loop of a controller fills.
+
+        `derivatives` chooses whether derivatives are computed, too. The other arguments are the arguments of `advance`.
+        """
         count, n = inputs.shape[0], self.n
         X, M = np.empty((count + 1, n)), np.zeros((count + 1, self.contacts))
         X[0], M[0] = state, self.modes(state)

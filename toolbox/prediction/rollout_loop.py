@@ -21,13 +21,33 @@ MOST_STEPS = 500
 
 
 class Motion(NamedTuple):
-    """A motion that is predicted, of n states, `nu` inputs that vary and `ne` contacts over N intervals.
+    """Arrays of a predicted motion over N intervals, with n states, `nu` varying inputs and `ne` contacts. `Rollout.motion` makes it.
 
-    ints: see above;  interval: its length [s], in an array;  inputs: all of the plant;  columns: which of them vary;  p: its numbers;
-    X (N+1, n), M (N+1, ne): states and modes, of which the first are given;  U (N, nu): inputs;
-    A (N, n, n), B (N, n, nu): derivatives over each interval, or empty, and then they are not computed;
-    x, m: states and modes now;  y, z: results of the functions;  f: the field before a switch;  row: slopes of the instant of a switch;
-    J, K (n, n + nu): derivatives by state and inputs now, and room for the next ones.
+    Attributes
+    ----------
+    ints, interval
+        Addresses of the compiled functions and number of steps, and length of an interval [s].
+    inputs, columns, p
+        All inputs of the plant, indices of the inputs that vary, and parameters of the plant with the factors of the loads.
+    X, M
+        States, shape (N+1, n), and modes, shape (N+1, ne). The first rows are given.
+    U
+        Varying inputs of each interval, shape (N, nu).
+    A, B
+        Derivatives over each interval by states and inputs, shapes (N, n, n) and (N, n, nu). Empty: not computed.
+    x, m, y, z, f, row, J, K
+        Work arrays of the loop.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.authoring import Rollout
+    >>> rollout = Rollout(compose(wells.JANSEN_2, BitRock()), ["top.torque"], interval=0.1, steps=2)
+    >>> motion = rollout.motion(np.array([15.0, 10.0, 10.0]), np.full((5, 1), 12e3))
+    >>> print(motion.X.shape, motion.U.shape)
+    (6, 3) (5, 1)
     """
 
     ints: np.ndarray

@@ -42,36 +42,46 @@ SIDE_BY_SIDE = 32
 
 @dataclass(frozen=True)
 class Basin(Told, Result):
-    """Behaviour of an operating point under disturbances, the result of `basin`: `print(found)`, `found.share`, `found.smallest_disturbances`,
-    `found.plot()`.
+    """Basin of attraction of an operating point, the result of `basin`: `print(found)`, `found.share`, `found.smallest_disturbances`, `found.plot()`.
 
     Attributes
     ----------
     title
         Name of the machine.
     names, units
-        States that are disturbed.
+        Names of the disturbed states, and their units.
     ranges
         Lowest and highest value of each state, in SI, shape (states, 2).
     equilibrium
         The operating point, in SI.
     initial_states
-        The disturbed states, in SI, shape (runs, states).
+        Values of the disturbed states at the start of each run, in SI, shape (runs, states).
     outcomes
         Outcome of each run: 0 smooth, 1 swing, 2 stick-slip, 3 stuck, -1 not known.
     smallest_disturbances
-        The disturbed states at the border, on the line from the operating point to the nearest start that leaves it.
-        Distances are measured relative to the ranges. nan if no start leaves the operating point.
+        Values of the disturbed states at the border of the basin, on the line from the operating point to the nearest
+        start whose run does not return. Distances are measured as fractions of the ranges. nan if every run returns.
     duration, accuracy
         Length [s] and accuracy of a run.
     confidence
         Confidence level of the bounds.
     judged_runs
-        Number of runs that `judge` continued.
+        Number of runs that were undecided at their end and were continued.
     situation
         The situation for which the verdict holds, in one line.
     display_units
         {SI unit: unit that was typed}.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import basin
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> found = basin(loop, {"bit.speed": ("0 rpm", "200 rpm")}, runs=20)
+    >>> print(f"{found.share:.2f} of {len(found.outcomes)} runs return")
+    0.30 of 20 runs return
     """
 
     title: str
@@ -97,7 +107,9 @@ class Basin(Told, Result):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Bounds of the share by Clopper and Pearson. Undecided runs widen them to both sides."""
+        """Bounds of `share` by Clopper and Pearson, as (lower, upper). Undecided runs count as no return for the lower
+        bound and as return for the upper bound.
+        """
         back, unknown = int((self.outcomes == SMOOTH).sum()), int((self.outcomes == NONE).sum())
         low, high = clopper_pearson(back, back + unknown, self.outcomes.size, self.confidence)
         return float(low), float(high)
@@ -124,7 +136,7 @@ class Basin(Told, Result):
         rows = [[*row, int(outcome)] for row, outcome in zip(self.initial_states.tolist(), self.outcomes, strict=True)]
         return [*headings, "outcome"], rows
 
-    plot = picture("basin_diagram", "Draw the disturbances over the first two states, or over the one with what they came to")
+    plot = picture("basin_diagram", "Draw the disturbances over the first two states, or over the only state with the outcome of each run")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""

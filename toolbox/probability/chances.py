@@ -70,8 +70,7 @@ def chance(
     seed: int = 0,
     checkpoint: str | Path | None = None,
 ) -> Chance:
-    """Estimate the probability of stick-slip over one or two numbers, for each controller, if other numbers are known as
-    distributions only.
+    """Estimate the probability of stick-slip over one or two numbers, for each controller, if other numbers are uncertain and known as distributions.
 
     All points and all controllers see the same draws, so that controllers can be compared draw by draw. A run begins
     at the start of its loop, for example from rest with a bit that sticks. Standstill counts as stick-slip.
@@ -81,8 +80,8 @@ def chance(
     loop
         A loop, a plant, or {label: loop}.
     ranges
-        {name: values} of one or two numbers, in SI or text with units. For `lowest` of the result the first number is
-        the set-point.
+        {name: values} of one or two numbers, in SI or text with units. The method `lowest` of the result takes the
+        first number as the set-point.
     uncertainty
         {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
         8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together.
@@ -90,16 +89,16 @@ def chance(
         Number of draws, the same at every point. 72 draws are the least with which 95 % can be shown by two-sided
         bounds of 95 %.
     duration
-        Length of a run [s], or text with a unit. By default forty oscillations of the machine in the middle of the
-        ranges, after its inputs are constant.
+        Length of a run [s], or text with a unit. By default forty periods of the oscillation of the machine in the
+        middle of the ranges, counted from the time at which its inputs are constant.
     starts
         Start of the runs, as in `worst_case`: `FromRest()`, `SmoothRunning()`, `OwnStickSlip()` or
         `TakenOver(initial_controller)`, found on each drawn plant. With several phases, each draw has one of them, and a
         plant without such a stick-slip begins at smooth running. Or a function {name: value} -> {state: start value}.
         By default the start of the loop, which is rest if it gives no values.
     accuracy
-        Target for the global error of the runs, between 1e-13 and 0.1. The page on probabilities gives its cost and
-        effect.
+        Target for the global error of the runs, between 1e-13 and 0.1. The page "Probability" of the documentation
+        shows how the accuracy changes cost and result.
     confidence
         Confidence level of the bounds of Clopper and Pearson.
     seed

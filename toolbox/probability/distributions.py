@@ -135,14 +135,21 @@ class Draws(Renamed):
     values
         {name: draws in SI}, rows of equal length. Values at the same place belong to the same draw.
     independent
-        {name: distribution} of further numbers that are independent of these draws.
+        {name: distribution} of additional numbers that are independent of these draws.
+
+    Examples
+    --------
+    >>> from toolbox.probability import Draws
+    >>> draws = Draws({"bit.weight": [95e3, 97e3, 99e3], "bit.friction.static": [0.82, 0.80, 0.78]})
+    >>> print(len(draws.values["bit.weight"]), "draws of", len(draws.values), "numbers")
+    3 draws of 2 numbers
     """
 
     values: Mapping[str, Sequence[float]]
     independent: Mapping[str, Any] = field(default_factory=dict)
 
     def also(self, others: Mapping[str, Any]) -> Draws:
-        """Return these draws with further independent numbers {name: distribution}."""
+        """Return these draws together with additional independent numbers {name: distribution}."""
         return Draws(self.values, {**self.independent, **others})
 
 
@@ -175,16 +182,16 @@ def distribution(name: str, given: Any) -> Distribution:
 
 @new_names_only
 def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: int, seed: int = 0) -> Variations:
-    """Draw uncertain numbers, as a design for `sweep`.
+    """Draw uncertain numbers at random, as a design of experiments for `sweep`.
 
     Parameters
     ----------
     loop
         A loop, or a plant, with these numbers.
     uncertainty
-        {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
-        8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together,
-        such as `found.drawn` of a posterior; `found.drawn.also({"bit.weight": "97 kN +- 8 kN"})` adds others. A
+        {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +- 8
+        kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together, such as
+        `found.drawn` of a posterior. `found.drawn.also({"bit.weight": "97 kN +- 8 kN"})` adds independent numbers. A
         distribution is cut at the bounds of its number.
     runs
         Number of draws, >= 1.

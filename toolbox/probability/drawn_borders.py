@@ -52,7 +52,7 @@ class UncertainOnset(Told, Result):
     title
         Name of the machine.
     name, unit
-        The number along which the border is searched.
+        The number whose border is searched, such as the set-point, and its unit.
     bounds
         Range that was searched, in SI.
     uncertainty
@@ -60,15 +60,15 @@ class UncertainOnset(Told, Result):
     names, points
         The drawn numbers, in SI, shape (draws, names).
     onset_values
-        {label: value above which each draw is free of stick-slip, shape (draws,)}. -inf if it is free in the whole
-        range, inf if it is not free at the end of the range.
+        {label of the controller: value above which the machine of each draw is free of stick-slip, shape (draws,)}.
+        -inf if the machine is free in the whole range, inf if it is not free at the end of the range.
     smooth_running_limits
-        {label: highest value at which each draw loses smooth running}. nan if it does not within the range, or if no
-        slope is known.
+        {label of the controller: highest value at which the machine of each draw loses smooth running, shape (draws,)}.
+        nan if smooth running is not lost within the range, or if the loop cannot be linearised.
     tolerance
         Width at which the bisection of the borders ended.
     undecided_runs
-        {label: number of undecided runs}, which count as stick-slip.
+        {label of the controller: number of undecided runs}. These runs count as stick-slip.
     duration, accuracy
         Length [s] and accuracy of a run.
     confidence
@@ -99,17 +99,18 @@ class UncertainOnset(Told, Result):
     def lowest(self, free: float = 0.95) -> dict[str, float]:
         """Return for each controller the lowest value that is free of stick-slip with a given probability.
 
-        The confidence bound must reach the probability.
+        At this value the lower confidence bound of the probability, and not only the fraction of the draws, is at least
+        `free`.
 
         Parameters
         ----------
         free
-            The probability.
+            The probability, by default 0.95.
 
         Returns
         -------
         dict
-            {label: value}. inf if there is none within the range.
+            {label of the controller: value}. inf if there is no such value within the range.
 
         Raises
         ------
@@ -126,7 +127,10 @@ class UncertainOnset(Told, Result):
         return {label: float(max(np.sort(values)[draws - 1 - most], self.bounds[0])) for label, values in self.onset_values.items()}
 
     def moved_by(self, label: str) -> dict[str, float]:
-        """Return {drawn number: its rank correlation with the border of a controller}, the strongest first; nan if the border does not vary."""
+        """Return {drawn number: rank correlation with the border of a controller}, the strongest correlation first.
+
+        The correlation is nan if the border does not vary. `label` is the label of the controller.
+        """
         from scipy.stats import spearmanr
 
         borders, found = self.onset_values[label], {}
@@ -180,7 +184,7 @@ class UncertainOnset(Told, Result):
             values += [borders, self.smooth_running_limits[label]]
         return headings, np.stack(values, axis=1).tolist()
 
-    plot = picture("onset_diagram", "Draw the chance of being free over the set-point for each law, with its bounds")
+    plot = picture("onset_diagram", "Draw for each controller the probability of no stick-slip over the set-point, with its bounds")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""
@@ -203,10 +207,10 @@ def uncertain_onset(
     confidence: float = 0.95,
     seed: int = 0,
 ) -> UncertainOnset:
-    """Find the set-point above which a machine is free of stick-slip, if some of its numbers are known as distributions only.
+    """Find the set-point above which a machine is free of stick-slip, if some of its numbers are uncertain and known as distributions.
 
-    A run begins at the start of its loop, for example from rest with a bit that sticks. Between neighbouring values a
-    machine is taken to have one border.
+    A run begins at the start of its loop, for example from rest with a bit that sticks. Between neighbouring values of
+    the set-point a machine is assumed to have at most one border.
 
     Parameters
     ----------

@@ -35,11 +35,11 @@ class ModelComparison(Told, Result):
     Attributes
     ----------
     posteriors
-        {label: posterior of the numbers of the model}, each with its evidence.
+        {label of the model: posterior of its numbers, with its evidence}.
     log_scores
-        {label: log predictive density of each window that was left out, shape (windows,)}.
+        {label of the model: logarithm of the predictive density of each metric in `left_out`, shape (metrics,)}.
     left_out
-        Names of these windows.
+        Names of the metrics that no posterior used.
     """
 
     posteriors: dict[str, Posterior]
@@ -54,8 +54,9 @@ class ModelComparison(Told, Result):
         return dict(zip(self.posteriors, (weights / weights.sum()).tolist(), strict=True))
 
     def behind(self, label: str) -> tuple[float, float]:
-        """Return the loss of a model against the best one in the prediction of windows that were left out, and its standard error. (0, 0) for the
-        best.
+        """Return (loss, standard error) of a model in the prediction of the metrics in `left_out`, relative to the best model.
+
+        The loss is a difference of logarithms of predictive densities. It is (0, 0) for the best model.
         """
         best = max(self.log_scores, key=lambda each: float(self.log_scores[each].sum()))
         apart = self.log_scores[best] - self.log_scores[label]
@@ -89,7 +90,7 @@ class ModelComparison(Told, Result):
             )
         return ["model", "log evidence", "error", "probability", "score left out", "behind", "error of that"], rows
 
-    plot = picture("comparison_diagram", "Draw evidence and score of each model below the best")
+    plot = picture("comparison_diagram", "Draw evidence and score of each model relative to the best model")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""
@@ -125,9 +126,10 @@ def compare_models(
     priors
         {label: {name: distribution}}, the unknowns of each model.
     duration
-        Length of the runs [s], or text with a unit. By default the duration of the loop.
+        Length of the runs [s], or text with a unit. By default the duration of each loop.
     left_out
-        Further data of the same kind that no posterior uses. Every model gives their likelihood.
+        {metric: its normal distribution} of additional data that no posterior uses. The posterior of each model
+        predicts them, and their likelihood is the score of the model.
     metrics
         {name in `data`: metric}, for names that are no names of metrics themselves, such as a metric in a window.
     draws

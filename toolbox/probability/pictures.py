@@ -14,5 +14,5 @@ def picture(function: str, words: str) -> Callable[..., Any]:
 
         return getattr(figures, function)(self, axes)
 
-    plot.__doc__ = f"{words}; returns the axes.\n\nParameters\n----------\naxes\n    Axes to draw into; a figure of its own by default."
+    plot.__doc__ = f"{words}. Return the axes.\n\nParameters\n----------\naxes\n    Axes to draw into. By default a new figure."
     return plot

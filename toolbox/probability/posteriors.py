@@ -47,28 +47,39 @@ SHOWN = 8
 
 @dataclass(frozen=True)
 class Posterior(Told, Result):
-    """Posterior distribution of numbers after a measurement: `print(found)`, `found["bit.weight"]`, `found.plot()`.
+    """Posterior distribution of unknown numbers after a measurement, the result of `posterior`: `print(found)`,
+    `found["bit.weight"]`, `found.plot()`.
 
     Attributes
     ----------
     title
         Name of the machine.
     names, units
-        The unknowns.
+        Names and units of the unknowns.
     samples
         Draws in SI, shape (draws, unknowns).
     likelihoods
-        Logarithms of their likelihoods.
+        Logarithms of the likelihoods of the draws, shape (draws,).
     log_evidence, log_evidence_error
         Logarithm of the mean likelihood under the prior, and its standard error.
     data
-        {measure: description of the measurement}.
+        {metric: description of the measurement}.
     priors
         {unknown: description of the prior}.
     runs, tempering_stages
         Number of runs, and number of tempering stages.
     display_units
         {SI unit: unit that was typed}.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import Uniform, posterior
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), inputs={"top.torque": "12 kN m"})
+    >>> found = posterior(loop, {"severity": "1.1 +- 0.1"}, {"bit.friction.static": Uniform(0.6, 1.0)}, "60 s", draws=32)
+    >>> print(f"{found['bit.friction.static'].mean():.1f}, from {len(found.samples)} draws")
+    0.8, from 32 draws
     """
 
     title: str
@@ -93,7 +104,7 @@ class Posterior(Told, Result):
 
     @property
     def drawn(self) -> Draws:
-        """Return the draws as the joint distribution of these numbers, for `chance`, `drawn` and `sweep`."""
+        """The draws as a joint distribution of the unknowns, for `chance`, `predict` and the function `drawn`."""
         return Draws({name: self[name].tolist() for name in self.names})
 
     def _told(self) -> list[str | Rows]:
@@ -118,12 +129,12 @@ class Posterior(Told, Result):
         return headings, self.samples.tolist()
 
     def to_xarray(self) -> Any:
-        """Return an xarray Dataset with the dimensions chain and draw, as arviz reads it. Needs the extra `batch`."""
+        """Return the draws as an xarray Dataset with the dimensions "chain" and "draw", in the form that arviz reads. Needs the extra `batch`."""
         xarray = optional("xarray", "`to_xarray`", "batch")
         data = {name: (("chain", "draw"), self[name][None, :], {"units": unit}) for name, unit in zip(self.names, self.units, strict=True)}
         return xarray.Dataset(data, attrs={"title": self.title, "evidence": self.log_evidence, "evidence_error": self.log_evidence_error})
 
-    plot = picture("corner_diagram", "Draw the unknowns one by one and in pairs")
+    plot = picture("corner_diagram", "Draw the distribution of each unknown, and the draws of each pair of unknowns")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""
@@ -146,8 +157,8 @@ def posterior(
 ) -> Posterior:
     """Estimate the joint distribution of unknown numbers of a machine from measurements of its runs.
 
-    The runs begin at the start of the loop. Measured metrics are taken to be independent and normal around the metric
-    of the run.
+    The runs begin at the start of the loop. The errors of the measured metrics are assumed to be independent and
+    normally distributed around the metrics of the run.
 
     Parameters
     ----------
@@ -162,7 +173,8 @@ def posterior(
     duration
         Length of the runs [s], or text with a unit. By default the duration of the loop.
     metrics
-        {name in `data`: metric}, for names that are no names of metrics themselves, such as a metric in a window.
+        {name in `data`: metric} for those names in `data` that are not names of metrics of the toolbox, such as a
+        metric in a window of time.
     draws
         Number of draws of the posterior, >= 32.
     accuracy
@@ -170,8 +182,8 @@ def posterior(
     seed
         Seed of the random numbers.
     checkpoint
-        Folder that keeps the likelihoods as they come. The same call after an interruption continues from this
-        folder.
+        Folder in which every likelihood is stored as soon as it is computed. The same call after an interruption
+        continues from this folder.
 
     Returns
     -------
@@ -278,7 +290,7 @@ class Measured:
 
 
 def windowed(signal: str, times: Any, values: Any, deviation: float, length: NumberOrText) -> tuple[dict[str, Normal], dict[str, Metric]]:
-    """Turn a trace into data and metrics for `posterior`: means of a signal in windows of equal length.
+    """Turn a measured time series of a signal into data and metrics for `posterior`: means of the signal in windows of equal length.
 
     Parameters
     ----------
@@ -335,10 +347,10 @@ def windowed(signal: str, times: Any, values: Any, deviation: float, length: Num
 def from_recording(
     loop: ClosedLoop | Any, recording: Recording, compare: Mapping[str, NumberOrText], length: NumberOrText = 1.0, *, max_gap: int = 2
 ) -> tuple[ClosedLoop, dict[str, Normal], dict[str, Metric]]:
-    """Turn a recording into loop, data and metrics for `posterior` and `compare_models`.
+    """Turn a recording into a loop, data and metrics, which are arguments of `posterior` and `compare_models`.
 
-    Signals of the recording that are inputs of the plant drive the loop, linear between samples. Means of other
-    signals in windows are compared.
+    Signals of the recording that are inputs of the plant become inputs of the loop, linear between samples. The signals
+    in `compare` are compared by their means in windows of time.
 
     Parameters
     ----------

@@ -50,13 +50,24 @@ class Prediction(Told, Result):
     units
         {signal: unit}.
     measured_values
-        {signal: measured values at these times, nan if nothing was measured}. Empty without a recording.
+        {signal: measured values at the times `time`, shape (nt,), nan if there is no measured value}. Empty without a
+        recording.
     draws
         Number of runs.
     confidence
-        Fraction of the runs within the band.
+        Fraction of the runs that lie within the band at each time.
     display_units
         {SI unit: unit that was typed}.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose
+    >>> from toolbox.probability import predict
+    >>> found = predict(compose(BlockOnBelt()), {"block.mass": "1 kg +- 0.1 kg"}, {"block.position": 0.0}, "10 s", draws=20)
+    >>> width = found.high["block.position"] - found.low["block.position"]
+    >>> print(f"the band is at most {width.max():.2f} m wide")
+    the band is at most 0.51 m wide
     """
 
     title: str
@@ -72,7 +83,7 @@ class Prediction(Told, Result):
 
     @property
     def coverage(self) -> dict[str, float]:
-        """Fraction of the measured samples within the band as {signal: fraction}. nan if nothing was measured."""
+        """Fraction of the measured samples that lie within the band, as {signal: fraction}. nan for a signal without measured samples."""
         found = {}
         for name, low in self.low.items():
             values = self.measured_values.get(name, np.empty(0))
@@ -105,7 +116,7 @@ class Prediction(Told, Result):
                 values.append(self.measured_values[name])
         return headings, np.stack(values, axis=1).tolist()
 
-    plot = picture("prediction_diagram", "Draw the bands with what was measured, one panel per signal")
+    plot = picture("prediction_diagram", "Draw the bands and the measured values, one panel per signal")
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""
@@ -127,22 +138,23 @@ def predict(
     accuracy: float = 1e-4,
     seed: int = 0,
 ) -> Prediction:
-    """Predict signals of a machine, with bands, if its numbers are known as draws or distributions.
+    """Predict bands of signals of a machine whose numbers are uncertain and known as draws or distributions.
 
     Parameters
     ----------
     loop
         A loop, or a plant, with the inputs of the machine.
     known
-        Knowledge of its numbers: the draws of a posterior (`found.drawn`), or {name: distribution}, each `Normal`,
-        `Uniform`, `LogNormal`, or text such as "97 kN +- 8 kN".
+        The uncertain numbers of the machine: the draws of a posterior (`found.drawn`), or {name: distribution}, each
+        `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +- 8 kN".
     signals
-        {signal: standard deviation of one sample}, in SI or text with a unit. 0 gives bands of the motion itself.
+        {signal: standard deviation of one sample}, in SI or text with a unit. The standard deviation is the measurement
+        noise that the bands include. With 0 they are bands of the signal without noise.
     duration
         Length of the runs [s], or text with a unit. By default the length of the recording, else the duration of the
         loop.
     recording
-        A measurement that is compared with the bands. Its times are the times of the prediction.
+        A measurement that is compared with the bands. The prediction then has the times of this recording.
     draws
         Number of runs, >= 20.
     confidence

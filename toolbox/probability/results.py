@@ -21,29 +21,29 @@ from toolbox.probability.pictures import picture
 
 @dataclass(frozen=True)
 class Chance(Told, Result):
-    """Probabilities of stick-slip, the result of `chance`: `print(found)`, `found.plot()`, `found.chances["soft torque"]`.
+    """Probabilities of stick-slip over one or two numbers, the result of `chance`: `print(found)`, `found.plot()`, `found.chances["soft torque"]`.
 
     Attributes
     ----------
     title
-        Title of the question.
+        Title of the table.
     labels
         Names of the controllers.
     names, units, axes
-        The numbers that vary along the axes of all arrays.
+        Names, units and values of the numbers that vary along the axes of all arrays.
     uncertainty
         {name: description of its distribution}.
     outcomes
         {label: outcome of each run, shape (*axes, draws)}: 0 smooth, 1 swing, 2 stick-slip, 3 stuck, -1 not known
         (`toolbox.onsets.map_loop`).
     severities
-        {label: severity of each run [1]}, in the same shape.
+        {label: severity of each run [1], in the shape of `outcomes`}.
     duration, accuracy
         Length [s] and accuracy of a run.
     confidence
         Confidence level of the bounds.
     judged_runs
-        {label: number of runs that were undecided at their end, so that `judge` continued them}.
+        {label: number of runs that were undecided at their end and were continued}.
     display_units
         {SI unit: unit that was typed}.
     situation
@@ -72,7 +72,7 @@ class Chance(Told, Result):
 
     @property
     def chances(self) -> dict[str, FloatArray]:
-        """{label: fraction of the decided runs in stick-slip or standstill}; nan if no run is decided."""
+        """{label: fraction of the decided runs that end in stick-slip or standstill, in the shape of the axes}. nan if no run is decided."""
         found = {}
         for label, outcomes in self.outcomes.items():
             known = (outcomes != NONE).sum(axis=-1)
@@ -81,8 +81,9 @@ class Chance(Told, Result):
 
     @property
     def bounds(self) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Clopper-Pearson bounds of the chances as {label: (lower, upper)}. Undecided runs count as free for the lower bound and as stick-slip for
-        the upper bound.
+        """Clopper-Pearson bounds of `chances`, as {label: (lower, upper)}.
+
+        Undecided runs count as free of stick-slip for the lower bound, and as stick-slip for the upper bound.
         """
         found = {}
         for label, outcomes in self.outcomes.items():
@@ -106,15 +107,16 @@ class Chance(Told, Result):
         Parameters
         ----------
         free
-            The probability. It must be reached by the confidence bound, not only by the fraction of the runs.
+            The probability, by default 0.95. The lower confidence bound must reach this probability, not only the
+            fraction of the runs.
         name
             The axis that is the set-point. By default the first one.
 
         Returns
         -------
         dict
-            {label: lowest value from which on every value that was tried is free, for each value of the other axis}.
-            nan if there is none.
+            {label: lowest set-point at which, and at every higher set-point that was tried, the machine is free with
+            this probability}. One entry for each value of the other axis. nan if there is no such set-point.
 
         Raises
         ------
@@ -151,9 +153,9 @@ class Chance(Told, Result):
         Returns
         -------
         only_one, only_other, p
-            At each point the fraction of the draws in which only the first controller is free, and in which only the
-            second one is free. p is the probability of such a difference between equally good controllers (sign test on
-            the draws in which they differ, McNemar's exact test).
+            At each point: the fraction of the draws in which only the controller `one` is free of stick-slip, the
+            fraction in which only the controller `other` is free, and the probability p that two equally good
+            controllers differ at least this much (sign test on the draws in which they differ, McNemar's exact test).
         """
         from scipy.stats import binom
 
@@ -235,7 +237,10 @@ class Chance(Told, Result):
                 rows.append([label, *at, *(float(each[place]) for each in (chances, low, high, severity))])
         return ["controller", *self.names, "chance", "lower", "upper", "severity"], rows
 
-    plot = picture("chance_diagram", "Draw the chances, one panel per law over two numbers, curves with their bounds over one")
+    plot = picture(
+        "chance_diagram",
+        "Draw the probabilities of stick-slip: for two numbers one panel per controller, for one number curves with bounds",
+    )
 
     def check_loaded(self) -> None:
         """Raise ValueError if the loaded arrays do not fit together."""

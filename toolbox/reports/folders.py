@@ -26,8 +26,9 @@ from toolbox.probability.basins import Basin
 from toolbox.probability.drawn_borders import UncertainOnset
 from toolbox.probability.posteriors import Posterior
 from toolbox.probability.results import Chance
+from toolbox.reports.figures import KINDS, caption_of, figures_of_folder
 from toolbox.reports.machine import usual_units
-from toolbox.reports.sections import KINDS, Section, picture, preformatted
+from toolbox.reports.sections import Section, preformatted
 from toolbox.robustness.joint_errors import SmallestError
 from toolbox.robustness.margins import Margins
 from toolbox.scenes import catalogue
@@ -87,15 +88,13 @@ def _section(folder: Path, kind: Kind) -> Section:
     with usual_units(loops[0][1] if loops else None):
         answer, more = kind.answer(folder, declared) if kind.answer else (preformatted(below.strip("\n") or text), ())
     title = getattr(scene, "title", "") or first or kind.name
-    own = [picture(folder / f"{kind.figure}{suffix}", f"{kind.name}: {title}") for suffix in KINDS]
-    shown = {f"{kind.figure}{suffix}" for suffix in KINDS}
-    others = [picture(path, _caption(path, declared)) for path in sorted(folder.iterdir()) if path.name not in shown]
+    own, others = figures_of_folder(folder, kind.figure, f"{kind.name}: {title}", _labels(declared))
     return Section(
         title,
         kind.name,
         answer,
-        tuple(each for each in own if each),
-        tuple(each for each in others if each),
+        own,
+        others,
         text,
         loops,
         origin,
@@ -114,16 +113,9 @@ def _links(folder: Path) -> list[Path]:
     return links
 
 
-def _caption(path: Path, scene: Scene | None) -> str:
-    """What a figure of one controller shows, by the number that its name begins with."""
-    number = path.stem[:2]
-    if scene is None or not number.isdigit() or not 0 < int(number) <= len(scene.labels):
-        return path.stem.replace("_", " ")
-    return scene.labels[int(number) - 1] + next((f", {words}" for end, words in SHOWN.items() if path.stem.endswith(end)), "")
-
-
-SHOWN = {"_phase": "phase plane", "_margins": "margins", "_error": "smallest error that breaks it"}
-"""{end of the name of a figure of one controller: what it shows}; others show traces."""
+def _labels(scene: Scene | None) -> list[str]:
+    """Labels of the controllers of a scene, in order."""
+    return [] if scene is None else scene.labels
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------------- answers
@@ -152,7 +144,11 @@ def _loaded(report: str, *kinds: tuple[Any, str]) -> Callable[[Path, Scene | Non
         found = {path: kind.load(path)._repr_html_() for kind, pattern in kinds for path in sorted(folder.glob(pattern))}
         if not found:  # of an earlier version
             return preformatted(text_of(folder / report)), ()
-        parts = found.values() if len(found) == 1 else [f"<h3>{escape(_caption(path, scene))}</h3>{told}" for path, told in found.items()]
+        parts = (
+            found.values()
+            if len(found) == 1
+            else [f"<h3>{escape(caption_of(path, _labels(scene)))}</h3>{told}" for path, told in found.items()]
+        )
         return "\n".join(parts), _failures(folder)
 
     return answer

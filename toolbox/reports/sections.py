@@ -1,14 +1,13 @@
-"""Sections of a report: what one result answers, with its figures, its machine and where it comes from."""
+"""Sections of a report: what one result answers, with its figures (`toolbox.reports.figures`), its machine and where it comes from."""
 
 from __future__ import annotations
 
 import html
-import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from toolbox.errors import SceneError
-from toolbox.files.reading import TEXT, content
+from toolbox.reports.figures import Picture, figures_of_result
 from toolbox.reports.machine import usual_units
 
 if TYPE_CHECKING:
@@ -16,18 +15,6 @@ if TYPE_CHECKING:
 
     from toolbox.files.origin import Origin
     from toolbox.modelling.closed_loop import ClosedLoop
-
-KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
-"""Figures that a page can hold."""
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure of a page: its bytes, their kind, and what it shows."""
-
-    content: bytes
-    kind: str
-    caption: str
 
 
 @dataclass(frozen=True)
@@ -86,7 +73,7 @@ def of_result(result: Any) -> Section:
             getattr(result, "title", None) or first,
             type(result).__name__,
             result._repr_html_() if hasattr(result, "_repr_html_") else preformatted(rest or first),
-            _plotted(result, first),
+            figures_of_result(result, first),
             text=text,
             loops=((label, loop),) if loop is not None else (),
         )
@@ -95,23 +82,3 @@ def of_result(result: Any) -> Section:
 def preformatted(text: str) -> str:
     """Text with its columns, in HTML."""
     return f"<pre>{html.escape(text.strip(chr(10)))}</pre>"
-
-
-def picture(path: Path, caption: str) -> Picture | None:
-    """The figure of a file; None where there is none that a page can hold, or a symbolic link."""
-    if path.suffix not in KINDS or path.is_symlink() or not path.is_file():
-        return None
-    return Picture(content(path, TEXT, "figure"), KINDS[path.suffix], caption)
-
-
-def _plotted(result: Any, caption: str) -> tuple[Picture, ...]:
-    if not hasattr(result, "plot"):
-        return ()
-    import matplotlib.pyplot as plt
-    import numpy as np
-
-    figure = np.ravel(np.asarray(result.plot(), dtype=object))[0].figure
-    file = io.BytesIO()
-    figure.savefig(file, dpi=150, format="png", metadata={"Software": None})
-    plt.close(figure)
-    return (Picture(file.getvalue(), "image/png", caption),)

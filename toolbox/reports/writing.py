@@ -25,9 +25,9 @@ def report(*results: Any, path: str | os.PathLike[str], title: str | None = None
     Parameters
     ----------
     results
-        Folders that a command wrote (`stickslip study ... --out results`), and results in Python: runs, onsets, maps,
-        margins, tunings, fits, and others that can be printed and plotted. A folder of folders, as `stickslip map`
-        writes it, stands for all in it.
+        Folders that a command wrote (`stickslip study ... --out results`), and results in Python that can be printed
+        and plotted: runs, onsets, maps, margins, tunings, fits and so on. A folder that contains such folders, as
+        `stickslip map` writes it, counts as all of them.
     path
         The file to write. It ends with .html.
     title

@@ -73,25 +73,25 @@ def absorber_limit(
     *,
     keep_inertia: bool = False,
 ) -> Absorber:
-    """Find the lowest speed of the drive at which a spring, a damper and an inertia there can keep smooth
-    running stable, if they are tuned best.
+    """Find the lowest set-point at which a drive that acts as spring, damper and inertia can keep smooth running
+    stable, with the best tuning of the three.
 
-    The result is exact to a part in a thousand.
+    The relative error of the result is at most 0.001.
 
     Parameters
     ----------
     loop
-        A plant, or a loop without the controller of the top, with constant inputs.
+        A plant, or a loop without the controller of the top drive, with constant inputs.
     bounds
-        Range (low, high) of the set-point, in SI or text such as ("10 rpm", "120 rpm"). Stability is taken to be lost
-        once on the way down.
+        Range (low, high) of the set-point, in SI or text such as ("10 rpm", "120 rpm"). On the way from high to low
+        set-points stability is assumed to be lost once.
     keep_inertia
-        Whether the inertia of the drive stays as it is, and only spring and damper are tuned.
+        Whether the inertia of the drive keeps its value, and only spring and damper are tuned. By default False.
 
     Returns
     -------
     Absorber
-        The lowest stable set-point and the absorber there. `print` shows them.
+        The lowest stable set-point, and stiffness, damping and inertia at this set-point. `print` shows them.
 
     Raises
     ------

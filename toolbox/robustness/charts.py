@@ -21,23 +21,36 @@ from toolbox.robustness.margins import margins
 
 @dataclass(frozen=True)
 class StabilityChart(Result):
-    """Growth rate and disk margin of a loop over two numbers. `found.plot()` draws them.
+    """Growth rate and disk margin of a loop over two of its numbers, the result of `stability_chart`. `found.plot()` draws them.
 
     Attributes
     ----------
     names, units
-        The two numbers, horizontal and vertical.
+        Names and units of the two numbers: first the horizontal axis, then the vertical axis.
     axes
-        Their values, in SI.
+        Values of the two numbers, in SI.
     growth_rate
         Largest real part of the poles at every point [1/s], shape (horizontal, vertical). nan if there is no steady
         running or no linear loop.
     disk_margin
-        Disk margin of all commands together [1]. 0 if the loop is unstable.
+        Disk margin of all commands together at every point [1], in the shape of `growth_rate`. 0 if the loop is
+        unstable.
     nominal_point
-        The declared values of the two numbers.
+        Values of the two numbers in the loop, in SI.
     display_units
         {SI unit: unit that was typed}.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.robustness import stability_chart
+    >>> drive = PI(proportional=400.0, integral=200.0, reference="60 rpm")
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), drive)
+    >>> chart = stability_chart(loop, {"pi.proportional": (100.0, 2000.0), "pi.integral": (100.0, 1000.0)}, shape=(3, 3))
+    >>> print(chart.growth_rate.shape, chart.best)
+    (3, 3) (1050.0, 100.0)
     """
 
     names: tuple[str, str]
@@ -91,10 +104,10 @@ def stability_chart(
     loop
         A loop with at least one controller and constant inputs.
     ranges
-        {number of the loop: (lowest, highest value)}, exactly two, the first across: `{"pi.proportional": (0, 5000),
-        "pi.integral": (0, 3000)}`.
+        {number of the loop: (lowest, highest value)}, exactly two, the first for the horizontal axis:
+        `{"pi.proportional": (0, 5000), "pi.integral": (0, 3000)}`.
     shape
-        Number of points across and up, at least 3 each.
+        Number of points along the horizontal and the vertical axis, at least 3 each.
 
     Returns
     -------

@@ -103,30 +103,45 @@ class PredictedCycle:
 
 @dataclass(frozen=True)
 class DescribingFunction(Result):
-    """Describing function of a contact and the predicted cycles: `print(found)` shows them, `found.plot()` draws both curves.
+    """Describing function of a contact and the cycles that it predicts, the result of `describing_function`:
+    `print(found)` shows them, `found.plot()` draws both curves.
 
     Attributes
     ----------
     title
         The controllers of the loop.
     contact
-        The contact.
+        Name of the contact.
     units
-        Units of its slip and of its force, in SI.
+        SI units of the slip and of the force of the contact.
     steady_slip
-        Slip at steady running, in its unit.
+        Slip speed of the contact at smooth running, in SI.
     omega, linear_response
-        Frequencies [rad/s], and G(i w) at these frequencies: slip divided by force, complex.
+        Frequencies [rad/s], and the frequency response G(i w) of the loop from the force at the contact to its slip,
+        complex, shape (n,).
     amplitude, gain
-        Amplitudes of the slip, and N at these amplitudes: force divided by slip. They depend on the mean slip, which
-        under a constant torque may have several values at one amplitude. The branch from steady running comes first,
-        and nan separates it from others.
+        Amplitudes of the slip, and the describing function N of the contact at these amplitudes: first harmonic of the
+        force divided by the amplitude. N depends on the mean slip, which under a constant torque may have several
+        values at one amplitude. Each of them is a branch. The branch from smooth running comes first, and nan separates
+        the branches.
     cycles
-        The predicted cycles, by frequency and amplitude.
+        The predicted cycles, each with its frequency and its amplitude.
     given_cycle
-        (period [s], lowest slip, highest slip) of the cycle that was given. Empty without a cycle.
+        (period [s], lowest slip, highest slip) of the simulated cycle that was given as argument. Empty if no cycle was
+        given.
     display_units
         {SI unit: unit that was typed}: the units in which `print` answers.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.robustness import describing_function
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> found = describing_function(loop)
+    >>> print(f"{len(found.cycles)} cycles, slip of {found.steady_slip:.1f} rad/s at smooth running")
+    2 cycles, slip of 6.3 rad/s at smooth running
     """
 
     title: str
@@ -170,7 +185,7 @@ class DescribingFunction(Result):
         return [f"amplitude [{slip}]", f"gain [{force}/({slip})]"], np.column_stack([self.amplitude, self.gain])[known].tolist()
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw N over the amplitude with the predicted cycles, and G in the complex plane. Return both axes."""
+        """Draw the describing function N over the amplitude with the predicted cycles, and G in the complex plane. Return both axes."""
         from toolbox.robustness.response_figures import describing_diagram
 
         return describing_diagram(self, axes)
@@ -190,8 +205,8 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
     cycle
         A cycle of this loop, found by `limit_cycle`, which is shown beside the prediction.
     highest
-        Highest amplitude of the slip that is examined, in its unit. By default three times the slip of smooth
-        running. Cycles below 1/10000 of it are not found.
+        Highest amplitude of the slip that is examined, in the unit of the slip. By default three times the slip of
+        smooth running. Cycles with an amplitude below 1/10000 of `highest` are not found.
 
     Returns
     -------

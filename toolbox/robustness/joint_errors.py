@@ -94,7 +94,8 @@ class WrongNumber:
 
 @dataclass(frozen=True)
 class SmallestError(Told, Result):
-    """Smallest joint error that breaks a loop: `print(found)` shows it beside the linear ones, `found.plot()` draws it in the ranges.
+    """Smallest joint error of several numbers with which a loop fails, the result of `smallest_error`. `print(found)`
+    shows it beside the errors from the linear loop.
 
     Attributes
     ----------
@@ -105,20 +106,22 @@ class SmallestError(Told, Result):
     parameters
         The uncertain numbers, and their ranges.
     size
-        Size of the smallest error that was found to break the machine, as a fraction of the ranges [1]. inf if no error
-        within the ranges does.
+        Size of the smallest error with which a run was found to fail, as a fraction of the ranges [1]. inf if no run
+        with an error within the ranges failed.
     error
-        This error, as a fraction of the range of each number. Empty if there is none.
+        This smallest error, as a fraction of the range of each number, shape (numbers,). Empty if no run failed.
     why
         The behaviour of the machine with this error: the outcome of a separate run, from `judge`.
     largest_tolerated
-        Largest size at which every error that was tried is a success [1].
+        Largest size up to which every error that was tried succeeds [1].
     runs
         Number of runs of the search.
     linear_size, linear_error
-        The same for unstable smooth running, from the exact growth rate. nan and empty if there is no rate.
+        Size and error as above for the smallest error with which smooth running is unstable, from the exact growth rate
+        of the linear loop. nan and empty if there is no growth rate.
     guaranteed_size
-        Size below which no error makes smooth running unstable, to first order [1]. nan if there is no linear loop.
+        Size below which no error makes smooth running unstable, if the loop changes linearly with the errors [1]. nan
+        if there is no linear loop.
     display_units
         {SI unit: unit that was typed}: the units in which `print` answers.
     undetermined_reason
@@ -148,7 +151,7 @@ class SmallestError(Told, Result):
 
     @property
     def values(self) -> dict[str, float]:
-        """{number: its value [SI] in the smallest error that breaks the machine}; empty if no error does."""
+        """{number: value in SI at the smallest error that makes the loop fail}. Empty if no run failed."""
         return {number.name: number.value(part) for number, part in zip(self.parameters, self.error, strict=bool(self.error))}
 
     @property
@@ -217,13 +220,12 @@ def smallest_error(
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
 ) -> SmallestError:
-    """Find the smallest joint error of several numbers with which a closed loop fails, as a fraction of the range of
-    each.
+    """Find the smallest simultaneous error of several numbers with which a closed loop fails, as a fraction of the range of each number.
 
     Parameters
     ----------
     loop
-        A loop. A controller is designed on the nominal plant, and errors do not change its design.
+        A loop. Its controllers are designed on the declared plant, and errors do not change their design.
     uncertainty
         {number of the loop: (low, high)}, in SI or text with units, with the declared value within. Or a fraction of
         the declared value to either side, such as 0.2. "delay" is the delay of the sampled controllers. At most 7
@@ -236,7 +238,8 @@ def smallest_error(
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed, and allowed ripple of a command, as fractions of their means [1].
+        Allowed error of the mean speed as a fraction of the set-point [1], and allowed ripple of a command as a
+        fraction of its mean [1].
 
     Returns
     -------

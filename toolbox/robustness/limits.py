@@ -97,20 +97,20 @@ def performance_limit(
     period: NumberOrText | None = None,
     delay: NumberOrText = 0.0,
 ) -> PerformanceLimit:
-    """Compute the best disk margin and peak sensitivity that any linear controller can reach at a set-point, for given
-    measured signals and delay.
+    """Compute the largest disk margin and the smallest peak sensitivity that any linear controller can reach at a
+    set-point, for given measured signals and delay.
 
     Parameters
     ----------
     loop
-        A plant, or a loop without the controller in question, with constant inputs.
+        A plant, or a loop without the controller whose limit is computed, with constant inputs.
     at
         {signal: value} of the steady state, such as {"top.speed": 3.0}, in SI or text with units.
     measured_signals
-        Signals that the controller may measure; by default the speed of the drive.
+        Signals that the controller may measure. By default the speed of the drive.
     actuated_signals
-        The one input that the controller drives; by default the force or torque of the drive. If a part such as a drive with lags lies between controller and
-        plant, it is taken into account.
+        The one input that the controller gives. By default the force or torque of the drive. A part between controller
+        and plant, such as a drive with lags, is taken into account.
     period
         Sample time [s]. None for continuous controllers.
     delay

@@ -26,7 +26,8 @@ from toolbox.steady_states.steady_loop import smooth_start, steady_loop
 
 @dataclass(frozen=True)
 class Margins(Told, Result):
-    """Margins of a closed loop at steady running: `print(found)` shows them, `found.plot()` draws the Nyquist curve and the sensitivity.
+    """Stability margins of a closed loop at smooth running, the result of `margins`: `print(found)` shows them,
+    `found.plot()` draws the Nyquist curve and the sensitivity.
 
     Attributes
     ----------
@@ -35,11 +36,12 @@ class Margins(Told, Result):
     stable
         Whether the linear loop is stable. False if there is no linear loop.
     loop_margins
-        `LoopMargins` of every command, with the others closed.
+        `LoopMargins` of every command, while the loops of all other commands are closed.
     multiloop
-        `JointMargins` of several commands together. None for one command.
+        `JointMargins` of all commands together. None if there is only one command.
     operating_point, units
-        {name: value} of set-points, commands and scalar states at the operating point, and the units of the first two.
+        {name: value in SI} of set-points, commands and scalar states at the operating point, and {name: unit} of the
+        set-points and commands.
     reason
         Reason why there is no linear loop. Empty if there is one.
     simulated_margins
@@ -84,7 +86,7 @@ class Margins(Told, Result):
 
     @property
     def disk_margin(self) -> float:
-        """The disk margin of all commands together, alpha [1]; 0 if the loop is unstable, nan if there is no linear loop."""
+        """Disk margin alpha of all commands together [1]. 0 if the loop is unstable, nan if there is no linear loop."""
         return self.multiloop.disk_margin if self.multiloop is not None else self.loop_margins[0].disk_margin
 
     @property
@@ -94,7 +96,7 @@ class Margins(Told, Result):
 
     @property
     def delay_margin(self) -> float:
-        """Additional delay that makes the loop unstable [s], the smallest of any command alone."""
+        """Smallest additional delay of a single command that makes the loop unstable [s]."""
         return min(row.delay_margin for row in self.loop_margins)
 
     @property
@@ -156,10 +158,10 @@ def margins(
 ) -> Margins:
     """Compute disk margin, peak sensitivity, gain margin, phase margin and delay margin of a closed loop at smooth running.
 
-    The plant is linearised at the steady state of the closed loop, and a sampled controller by its update. Sampling,
-    hold and delay are taken into account. The loop is broken at every input that a controller drives
-    (`toolbox.steady_states.steady_loop`). `toolbox.robustness.disk_margins` defines each margin. Noise and encoder
-    steps of `Sampled` are left out.
+    The plant is linearised at the steady state of the closed loop. A sampled controller is linearised as difference
+    equations. Sampling, hold and delay are taken into account. The loop is broken at every input that a controller
+    drives (`toolbox.steady_states.steady_loop`). `toolbox.robustness.disk_margins` defines each margin. Noise and
+    encoder steps of `Sampled` are left out.
 
     Parameters
     ----------

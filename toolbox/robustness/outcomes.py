@@ -56,9 +56,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class WorstCase(Told, Result):
-    """Outcomes of a loop over model errors, starts and seeds.
+    """Outcomes of the runs of a loop with model errors, starts and seeds, the result of `worst_case`.
 
-    `print(found)` shows the worst outcome of each error, `found.worst` is the worst of all.
+    `print(found)` shows the worst outcome of each error, `found.worst` is the worst outcome of all runs.
 
     Attributes
     ----------
@@ -96,7 +96,9 @@ class WorstCase(Told, Result):
 
     @property
     def worst(self) -> Outcome:
-        """The outcome with the largest excess. Raises SceneError if no plant has the stick-slip from which runs were to start."""
+        """The outcome with the largest excess over the allowed values. Raises SceneError if no plant has the stick-slip
+        from which runs were to start.
+        """
         if not self.outcomes:
             raise SceneError(f"There is no worst outcome, because there was no run: {self.run_conditions}.")
         return max(self.outcomes, key=_badness)
@@ -108,7 +110,7 @@ class WorstCase(Told, Result):
 
     @property
     def by_error(self) -> dict[str, Outcome]:
-        """{error: worst outcome}, in the order of the trials."""
+        """{name of the error: worst outcome over starts and seeds}, in the order of the trials."""
         found: dict[str, Outcome] = {}
         for outcome in self.outcomes:
             known = found.get(outcome.error)

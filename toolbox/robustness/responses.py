@@ -19,9 +19,9 @@ from toolbox.robustness.margins import Margins, margins
 
 @dataclass(frozen=True)
 class FrequencyResponse(Result):
-    """Frequency response L(i w) of a loop that is broken at its commands, for negative feedback.
+    """Frequency response L(i w) of an open loop, the result of `frequency_response`, with the sign for negative feedback.
 
-    For each command the other commands stay closed.
+    The loop is broken at one command at a time, while the loops of all other commands are closed.
 
     Attributes
     ----------
@@ -30,7 +30,19 @@ class FrequencyResponse(Result):
     values
         {command: complex L at the frequencies}.
     margins
-        The margins of the same loop.
+        The `Margins` of the loop.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> from toolbox.robustness import frequency_response
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> loop = closed_loop(rig, Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms"))
+    >>> found = frequency_response(loop, omega=[0.5, 1.0, 2.0])
+    >>> print(found.omega.round(2), f"disk margin {found.margins.disk_margin:.2f}")
+    [0.5 1.  2. ] disk margin 0.38
     """
 
     omega: FloatArray
@@ -71,7 +83,7 @@ class FrequencyResponse(Result):
 
 @takes_loop
 def frequency_response(loop: ClosedLoop, omega: Sequence[NumberOrText] | None = None) -> FrequencyResponse:
-    """Compute the frequency response of a closed loop at smooth running, broken at the commands of its controllers.
+    """Compute the frequency response of a loop at smooth running, with the loop broken at the commands of its controllers.
 
     Sampling, hold and delay are taken into account. The response of a sampled controller ends at half its sampling
     frequency.
@@ -81,8 +93,8 @@ def frequency_response(loop: ClosedLoop, omega: Sequence[NumberOrText] | None = 
     loop
         A loop with at least one controller and constant inputs.
     omega
-        Frequencies [rad/s], or text with a unit ("0.2 Hz"), positive and increasing. By default over all time scales
-        of the loop, close around its poles.
+        Frequencies [rad/s], or text with a unit of angular speed ("12 rpm"), positive and increasing. By default frequencies over all
+        time scales of the loop, with small distances near its poles.
 
     Returns
     -------

@@ -95,7 +95,7 @@ class Start(abc.ABC):
 
 @dataclass(frozen=True)
 class SmoothRunning(Start):
-    """Start at smooth running, with the commands and the memory that the controllers have there.
+    """Start of a run at smooth running, with the commands and the memory that the controllers have in this steady state.
 
     Examples
     --------
@@ -110,22 +110,22 @@ class SmoothRunning(Start):
 
     @property
     def words(self) -> str:
-        """Description of the start."""
+        """Description of the start as text."""
         return "smooth running"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values on the plant of a loop. Raises SceneError if no steady running is known."""
+        """Return the start values for the plant of a loop. Raises SceneError if no smooth running is found."""
         return Found([smooth_start(loop)])
 
 
 @dataclass(frozen=True)
 class FromRest(Start):
-    """Start from rest, with the set-point in one step or by a ramp.
+    """Start of a run from rest, with the set-point in one step or by a ramp.
 
     Parameters
     ----------
     ramp
-        Duration of the ramp from 2 % of the set-point up to it [s]. 0 for one step.
+        Duration of the ramp from 2 % of the set-point to the set-point [s]. 0 (default) for one step.
 
     Examples
     --------
@@ -189,7 +189,7 @@ class GivenStarts(Start):
 
 @dataclass(frozen=True)
 class TakenOver(Start):
-    """Start from the stick-slip cycle of another controller, which the judged controller takes over without a jump of its command.
+    """Start of a run in the stick-slip cycle of another controller. The judged controller takes over without a jump of the command.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ class TakenOver(Start):
     phases
         Number of instants of the cycle at which the judged controller takes over, at equal fractions of its period.
     duration
-        Time for which the initial controller runs before [s]. Its last complete cycle is used.
+        Time for which the initial controller runs before the takeover [s]. Its last complete cycle is used.
 
     Examples
     --------
@@ -222,11 +222,12 @@ class TakenOver(Start):
 
     @property
     def words(self) -> str:
-        """Description of the start."""
+        """Description of the start as text."""
         return f"{self.phases} phase(s) of the stick-slip under {described(self.initial_controller)}, which is taken over without a jump"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values on the plant of a loop. Without stick-slip, return the last instant of the run and a note.
+        """Return the start values for the plant of a loop. If the initial controller shows no stick-slip, return the
+        last instant of its run and a note.
 
         Raises SimulationError if the run of the initial controller cannot be finished.
         """
@@ -236,7 +237,7 @@ class TakenOver(Start):
 
 @dataclass(frozen=True)
 class OwnStickSlip(Start):
-    """Start from the stick-slip of the judged loop itself, at phases of its cycle, with the memory of its controllers.
+    """Start of a run in the stick-slip of the judged loop itself, at phases of the stick-slip cycle, with the memory that the controllers have there.
 
     The stick-slip is searched from four starts: smooth running whose contact is stopped, rest, smooth running in which
     each weakly damped mode oscillates, and the stick-slip of the plant with constant commands.
@@ -264,13 +265,13 @@ class OwnStickSlip(Start):
 
     @property
     def words(self) -> str:
-        """Description of the start."""
+        """Description of the start as text."""
         return f"{self.phases} phase(s) of the loop's own stick-slip"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values on the plant of a loop.
+        """Return the start values for the plant of a loop.
 
-        Returns none, with a note, if no start leads to permanent stick-slip, or if this cannot be decided.
+        If no start leads to permanent stick-slip, or if this cannot be decided, return no start values and a note.
         """
         contact = judged_contact(loop)
         settled = Settled.of(loop, contact, judged_speed(loop, contact), 0.0)

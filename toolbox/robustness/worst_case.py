@@ -77,8 +77,8 @@ def worst_case(
     - the contact never sticks,
     - the mean speed is within `mean_within` of its target,
     - no command deviates by more than `ripple_within` of its mean, and
-    - smooth running is stable on that machine: a small disturbance must not grow, however slowly. A run that still
-      oscillates is continued until the judge of `onset` can decide.
+    - smooth running is stable on the machine of this run: a small disturbance must not grow, however slowly. A run that
+      still oscillates at its end is continued until its regime can be decided.
 
     Inputs that vary in time count with their last value. If an input never becomes constant, only the time from `after`
     on decides.
@@ -91,8 +91,8 @@ def worst_case(
     duration
         Length of a run [s].
     uncertainty
-        {number of the loop: factor, or several factors}. Each is tried alone. "20 %" means 0.8 and 1.2, "+20 %" means
-        1.2 alone. "delay" is the delay of the sampled controllers.
+        {number of the loop: factor, or several factors}. Each factor is tried alone. "20 %" means 0.8 and 1.2, "+20 %"
+        means 1.2 alone. "delay" is the delay of the sampled controllers.
     corners
         Mappings {number of the loop: factor}. Each mapping is tried with all its errors at once. A percentage needs its
         sign here: "+20 %".
@@ -110,8 +110,8 @@ def worst_case(
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed, and allowed ripple of a command to either side, as fractions of their means
-        [1].
+        Allowed error of the mean speed as a fraction of its target [1], and allowed ripple of a command to either side
+        as a fraction of its mean [1].
     metrics
         Further metrics of every run from `after` on: names of `toolbox.measuring.metrics.METRICS`, functions of the
         run, or {name: metric}.

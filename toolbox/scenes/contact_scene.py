@@ -39,7 +39,18 @@ class ContactScene(Labelled):
     cases
         One `Case` per controller, with different labels and sampled controllers.
     inputs
-        As in `step_contacts`, for all cases. The inputs of a case have priority.
+        {input of the body, or set-point of a controller: value}, for all cases, as in `step_contacts`. If a case has an
+        input of the same name, the value of the case is used.
+
+    Examples
+    --------
+    >>> from models import StringOnWall
+    >>> from toolbox.scenes import ContactScene
+    >>> numbers = {"mass": (5000.0,), "axial_stiffness": (4e6,), "axial_damping": (2e5,), "inertia": (2000.0, 100.0)}
+    >>> string = StringOnWall(**numbers, stiffness=(2000.0,), damping=(80.0,), radius=0.1, loads=(5000.0,))
+    >>> scene = ContactScene("pulled string", string, 10.0, 0.02, inputs={"hook.speed": -0.1})
+    >>> print(f"{4e6 * scene.run('no controller')['axial.0'][-1]:.0f} N of drag")
+    1500 N of drag
     """
 
     title: str

@@ -45,18 +45,29 @@ class Difference(NamedTuple):
 
 @dataclass(frozen=True)
 class Differences(Told):
-    """Result of `compare`: `print(found)`, `found["bit.speed, severity"]`.
+    """Result of `compare`: `print(found)` shows the table, `found["bit.speed, severity"]` is one row.
 
     Attributes
     ----------
     title
         Title of the comparison.
     labels
-        Names of the first and the second.
+        Names of the first and of the second run or scene.
     rows
-        For two runs every metric, for two scenes the keys whose values differ, each with both values in SI.
+        For two runs one row per metric, for two scenes one row per key whose values differ. Each row holds both values
+        in SI.
     display_units
-        {SI unit: unit that was typed}: the units of the table. Units of the first run have priority.
+        {SI unit: unit that was typed}: the units of the table. If the two runs differ, the units of the first run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compare, compose, simulate
+    >>> plant = compose(BlockOnBelt())
+    >>> runs = [simulate(plant, "60 s", parameters={"block.mass": mass}) for mass in (1.0, 1.2)]
+    >>> row = compare(*runs, after="20 s")["belt, longest stick"]
+    >>> print(f"{row.first:.2f} s and {row.second:.2f} s")
+    7.71 s and 7.65 s
     """
 
     title: str
@@ -109,7 +120,7 @@ def compare(
 
     - for each contact, the fraction of the time in stick, the number of stick phases and the longest stick phase;
     - for each signal, minimum, maximum and time mean, and for speeds the severity;
-    - the further `metrics`.
+    - the metrics of the argument `metrics`.
 
     A run may be the result of `simulate` or read from a file.
 
@@ -118,7 +129,8 @@ def compare(
     first, second
         Two runs, or two scenes.
     signals
-        Scalar signals of the runs. By default the main signals of either run that both runs have.
+        Scalar signals of the runs. By default the main signals of the first and of the second run, if both runs have
+        them.
     metrics
         Further metrics: a name of `toolbox.measuring.metrics.METRICS`, a function of the run, or several as a sequence
         or {name: metric}. A metric given by its name is read from the contact and the signal that the loop of each run
@@ -126,7 +138,7 @@ def compare(
     after, until
         Begin and end of the window [s]. By default from the start to the end of the shorter run.
     labels
-        Names of the two in the table.
+        Names of the two runs or scenes in the table.
 
     Returns
     -------
@@ -136,8 +148,8 @@ def compare(
     Raises
     ------
     SceneError
-        If one is a run and the other a scene, a signal is unknown, has another unit or is a vector, or the window lies
-        outside a run.
+        If one argument is a run and the other a scene, a signal is unknown, has different units in the two runs or is a
+        vector, or the window lies outside a run.
 
     Examples
     --------

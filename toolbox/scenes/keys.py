@@ -16,6 +16,9 @@ class Key(NamedTuple):
 
 REQUIRED = "required"
 
+OF_SIGNAL = "of `signal`"
+"""The unit of a number that is compared with the judged signal."""
+
 CONTACTS = "At the head, for a body with many contacts"
 """The table of keys at the head of the scene of such a body."""
 
@@ -24,7 +27,7 @@ KEYS: dict[str, tuple[Key, ...]] = {
         Key("title", "", REQUIRED, "title of tables and figures"),
         Key("duration", "s", REQUIRED, "length of the runs"),
         Key("accuracy", "1", "1e-6", "target for the error of a state, in parts of its size"),
-        Key("reference", "of `signal`", "none", "set-point of the judged signal; laws with a field `reference` take it"),
+        Key("reference", OF_SIGNAL, "none", "set-point of the judged signal; laws with a field `reference` take it"),
         Key("plant", "", REQUIRED, "parts of the machine, each under [[plant]]"),
         Key("controllers", "", "the plant alone", "controllers to be compared, each under [[controllers]]"),
         Key("start", "", "at rest", "states at the beginning, under [start]"),
@@ -72,7 +75,7 @@ KEYS: dict[str, tuple[Key, ...]] = {
         Key("signal", "", "the speed at the contact", "the speed whose severity, settling and overshoot are judged"),
         Key("effort", "", "what drives", "the signal whose peak is reported"),
         Key("after", "s", "half of the duration", "time from which on a run is judged"),
-        Key("standstill_speed", "of `signal`", "none", "of a stop: the value of the signal at which the machine stands, where the verdict ends"),
+        Key("standstill_speed", OF_SIGNAL, "none", "of a stop: the value of the signal at which the machine stands, where the verdict ends"),
     ),
     "[measured]": (
         Key("file", "", REQUIRED, "path of the log, from the folder of the scene"),

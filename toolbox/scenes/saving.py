@@ -12,7 +12,7 @@ import numpy as np
 from toolbox.files.atomic import replaced
 from toolbox.files.units import TypedNumber
 from toolbox.modelling.laws import Controller
-from toolbox.scenes import catalogue
+from toolbox.scenes import catalogue, keys
 from toolbox.scenes.cases import Case, Waveform
 from toolbox.scenes.scene_file import LAWS, SAMPLED
 
@@ -32,9 +32,8 @@ def _resolved(scene: Mapping[str, Any]) -> dict[str, Any]:
     data: dict[str, Any] = {"title": scene["title"], "duration": float(scene["duration"]), "accuracy": float(scene["accuracy"])}
     if scene["reference"] is not None:
         data["reference"] = _plain(scene["reference"])
-    data["verdict"] = {"element": scene["contact"], "signal": scene["signal"], "effort": scene["effort"], "after": float(scene["after"])}
-    if scene["standstill_speed"] is not None:
-        data["verdict"]["standstill_speed"] = _plain(scene["standstill_speed"])
+    judged = {**scene, "element": scene["contact"]}
+    data["verdict"] = {name: _plain(judged[name]) for name in keys.names("[verdict]") if judged[name] is not None}
     for key in ("start", "inputs", "parameters"):
         if scene[key]:
             data[key] = {name: _plain(value) for name, value in scene[key].items()}

@@ -21,7 +21,7 @@ from toolbox.modelling.composition import compose
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_start
-from toolbox.scenes import saving, scene_file
+from toolbox.scenes import keys, saving, scene_file
 from toolbox.scenes.cases import Case, Labelled, Measured, Number, Waveform, _reference
 from toolbox.scenes.judged import judged_effort, judged_element, judged_speed, set_point
 from toolbox.simulation.request import Request
@@ -47,7 +47,7 @@ class Scene(Labelled):
     duration
         Length of the runs [s].
     element
-        Contact whose sticking is judged. None if nothing sticks.
+        Name of the contact whose stick phases are judged. None if the plant has no contact that can stick.
     signal
         Signal whose severity, settling and overshoot are judged.
     effort
@@ -59,10 +59,11 @@ class Scene(Labelled):
     accuracy
         Accuracy of the runs.
     start, inputs, parameters
-        As in `simulate`, for all cases. The inputs of a case have priority.
+        Start values, inputs and parameters for all cases, as in `simulate`. If a case has an input of the same name,
+        the value of the case is used.
     standstill_speed
-        For a stop, the value of `signal` at which the machine counts as standing. The judged time then ends there, and
-        the last stick, into standstill, does not count.
+        For a stop, the value of `signal` at which the machine counts as standing. The judged time then ends at the
+        standstill, and the stick phase in which the machine stands does not count.
     measured
         Measured results of the machine, which a study shows beside the simulated ones. None for no measurement.
 
@@ -107,7 +108,7 @@ class Scene(Labelled):
         reference: float | None = None,
         **others: Any,
     ) -> Scene:
-        """Make and check the scene of a plant with each of several controllers, or without a controller.
+        """Make and check a scene that compares several controllers on one plant.
 
         Arguments that are left out have the same defaults as in a scene file.
 
@@ -118,7 +119,8 @@ class Scene(Labelled):
         duration
             Length of the runs [s].
         controllers
-            {label: controller}. None for the plant alone.
+            {label: controller}. A value None is a case without a controller. By default (None) the scene has one case,
+            without a controller.
         element
             Contact that is judged. By default the only contact, if there is one.
         signal
@@ -187,7 +189,7 @@ class Scene(Labelled):
         Raises
         ------
         SceneError
-            One error, which names the file and the fault.
+            If the file cannot be read or the scene is wrong. The message names the file and the fault.
         """
         path = Path(path)
         try:
@@ -200,8 +202,8 @@ class Scene(Labelled):
     def save(self, path: str | Path) -> Path:
         """Write the scene to a file, with every parameter in SI, and return the path. Loading the file gives an equal scene.
 
-        The file is written atomically. Raises SceneError if the file cannot be written, or if a part is in no
-        catalogue.
+        The file is written atomically. Raises SceneError if the file cannot be written, or if the class of a part is
+        not in the catalogue of parts that scene files can name.
         """
         saving.write({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.judged_contact}, Path(path))
         return Path(path)
@@ -224,7 +226,7 @@ class Scene(Labelled):
         return "\n".join(lines)
 
     def plant(self) -> HybridSystem:
-        """Return the composed plant with the declared parameters. Results about it are shown in the units of the scene."""
+        """Return the composed plant with the declared parameters. Results about this plant are shown in the units of the scene file."""
         return self._plant
 
     @cached_property
@@ -249,8 +251,8 @@ class Scene(Labelled):
             }
             own = {name: value for name, value in self.parameters.items() if self.plant().has_parameter(name)}
             loop = ClosedLoop(
-                self.plant(), laws_of(case.controller, None), inputs, own, self.start, case.label, self.element, self.signal, self.duration,
-                self.after, self.accuracy, self.effort, standstill_speed=self.standstill_speed,
+                self.plant(), laws_of(case.controller, None), inputs, own, self.start, case.label, duration=self.duration, accuracy=self.accuracy,
+                **{name: getattr(self, name) for name in keys.names("[verdict]")},
             )  # fmt: skip
             others = {k: v for k, v in self.parameters.items() if k not in own}
             loop = loop.with_parameters(others) if others else loop
@@ -277,7 +279,7 @@ class Scene(Labelled):
 
     @property
     def judged_contact(self) -> str:
-        """Name of the judged contact. Raises SceneError if nothing sticks."""
+        """Name of the contact whose stick phases are judged. Raises SceneError if the plant has no contact that can stick."""
         if self.element is None:
             raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
         return self.element
@@ -289,12 +291,13 @@ class Scene(Labelled):
 
     @property
     def metrics(self) -> dict[str, tuple[str, ...]]:
-        """Metrics by which the scene judges a run, as {metric: names of the signals and elements that it reads}."""
+        """Metrics for the judgement of a run, as {metric: names of the signals and elements that the metric reads}."""
         stuck = {"stuck": (self.element,)} if self.element is not None else {}
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 
     def dependencies(self, metrics: Mapping[str, Sequence[str]] | None = None) -> Dependencies:
-        """Find the parts of the plant on which the metrics depend, under any of the controllers, and the cost of the other parts.
+        """Find the parts of the plant on which the metrics depend, under any of the controllers of the scene, and the
+        cost of the parts on which no metric depends.
 
         Parameters
         ----------
@@ -304,7 +307,7 @@ class Scene(Labelled):
         Returns
         -------
         Dependencies
-            The parts with the metrics that depend on each of them.
+            For each part, the metrics that depend on it.
 
         Raises
         ------
@@ -324,7 +327,7 @@ class Scene(Labelled):
         return Dependencies(parts, min(each.idle for each in found))
 
     def check(self) -> None:
-        """Raise SceneError unless every case can be simulated and the judged signals and elements exist. Nothing is compiled."""
+        """Raise SceneError unless every case can be simulated and the judged signals and elements exist. This check compiles nothing."""
         plant = self.plant()
         number("duration", self.duration, "s", above=0)
         contacts = [element.name for element in plant.elements]

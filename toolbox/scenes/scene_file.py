@@ -111,12 +111,7 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         "element": None if element in plant.modeless else element,
         "signal": signal,
         "effort": _text(verdict.get("effort", judged_effort(plant, signal)), "verdict.effort"),
-        "after": parse(verdict.get("after", duration / 2), "s", "verdict.after"),
-        "standstill_speed": (
-            parse(verdict["standstill_speed"], plant.signal_unit(signal), "verdict.standstill_speed")
-            if "standstill_speed" in verdict
-            else None
-        ),
+        **_verdict_numbers({"after": duration / 2, **verdict}, plant.signal_unit(signal)),
         "accuracy": parse(data.get("accuracy", 1e-6), "1", "accuracy"),
         "reference": reference,
         "start": {name: _number(value, plant.signal_unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},
@@ -127,6 +122,12 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         },
         "measured": _measured(data["measured"], folder) if "measured" in data else None,
     }
+
+
+def _verdict_numbers(verdict: Mapping[str, Any], unit: str) -> dict[str, float | None]:
+    """The numbers under [verdict] by their keys, None for a key that is not given; unit: of the judged signal."""
+    units = {key.name: unit if key.unit == keys.OF_SIGNAL else key.unit for key in keys.KEYS["[verdict]"] if key.unit}
+    return {name: parse(verdict[name], units[name], f"verdict.{name}") if name in verdict else None for name in units}
 
 
 def _measured(data: Any, folder: Path) -> Measured:

@@ -54,7 +54,8 @@ class Point:
 
 @dataclass(frozen=True)
 class WorkPrecision(Told, Result):
-    """Error over computing time for one scene. `print` shows the table, `plot` draws it and `save` writes it.
+    """Error over computing time of several methods for one loop, the result of `work_precision`. `print` shows the
+    table, `plot` draws it and `save` writes it.
 
     Attributes
     ----------
@@ -63,9 +64,17 @@ class WorkPrecision(Told, Result):
     points
         The runs (`Point`), in order of method and setting.
     reference_error
-        Largest difference between the two reference solutions, relative to the size of a state.
+        Largest difference between the two reference solutions, as a fraction of the size of the state.
     references
-        Methods of the reference solutions.
+        Methods of the two reference solutions.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, work_precision
+    >>> found = work_precision(compose(BlockOnBelt()), "20 s", methods=["taylor"], accuracies=[1e-3, 1e-6], repeats=1)
+    >>> print(f"{len(found.points)} runs, reference known to 1e-9: {found.reference_error < 1e-9}")
+    2 runs, reference known to 1e-9: True
     """
 
     title: str
@@ -75,9 +84,9 @@ class WorkPrecision(Told, Result):
     references: tuple[str, str]
 
     def cheapest(self, error: float) -> Point | None:
-        """Return the fastest run with at most this error. None if no run reaches it.
+        """Return the fastest run whose error is at most `error`. Return None if no run has such a small error.
 
-        Raises SceneError for errors below the difference of the references, where the error of a run is not known.
+        Raises SceneError if `error` is below `reference_error`, because smaller errors of a run are not known.
         """
         if not error >= self.reference_error:
             raise SceneError(
@@ -98,8 +107,10 @@ class WorkPrecision(Told, Result):
         return [self.title, truth, Rows(rows, indent="")]
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw time against error on logarithmic axes, one line per method and plant. Errors in the grey band are below the uncertainty of
-        the reference."""
+        """Draw computing time against error on logarithmic axes, one line per method and plant.
+
+        Errors in the grey band are below the uncertainty of the reference. Return the axes.
+        """
         from toolbox.scenes.figures import work_precision
 
         return work_precision(self, ax=ax)
@@ -122,9 +133,10 @@ def work_precision(
     repeats: int = 5,
     **former_names: Any,
 ) -> WorkPrecision:
-    """Measure error against computing time for all methods and settings.
+    """Measure error and computing time of a run for several methods, and for several settings of each method.
 
-    The reference solution is computed twice.
+    The error is the difference from a reference solution. The reference solution is computed by two methods, so that
+    its own error is known.
 
     Parameters
     ----------
@@ -153,7 +165,7 @@ def work_precision(
     Raises
     ------
     SceneError
-        If an argument is wrong.
+        If a method, a signal or a plant does not fit, or a number is out of its bounds.
     SimulationError
         If no reference solution can be computed.
 

@@ -20,11 +20,11 @@ class Budget:
     steps
         Largest number of steps, accepted and rejected.
     events
-        Largest number of switches of elements. A run with exactly this number of switches finishes. Otherwise the run
-        ends at the next switch and holds all switches before it.
+        Largest number of switches of elements. A run with exactly this number of switches finishes. A run with more
+        switches ends at the first switch beyond this number and contains all switches before it.
     seconds
-        Time in the event loop [s]. It is checked about ten times per second. Predictive controllers check it before
-        each program that they solve. Other controllers in Python can use `toolbox.authoring.time_left`.
+        Computing time in the event loop [s]. It is checked about ten times per second. Predictive controllers check it
+        before each program that they solve. Other controllers in Python can use `toolbox.authoring.time_left`.
 
     Raises
     ------

@@ -95,12 +95,15 @@ class Method:
 
 @dataclass(frozen=True)
 class EventExact(Method):
-    """Adaptive steps that end exactly on every switch. The kind of steps is the fastest for the run.
+    """Adaptive steps that end exactly on every switch, of the kind that is fastest for the run.
 
-    - Taylor series or explicit formulas (`toolbox.simulation.method_choice`).
-    - Linearly implicit formulas if they are cheaper (`toolbox.simulation.stiffness`).
+    The kinds of steps are:
 
-    `run.why` names the kind and the reason.
+    - Taylor series or explicit formulas (`toolbox.simulation.method_choice` chooses between them);
+    - linearly implicit formulas, if they are faster than explicit ones because the plant is stiff
+      (`toolbox.simulation.stiffness`).
+
+    `run.why` names the kind that was used and the reason.
 
     Examples
     --------
@@ -117,11 +120,11 @@ class EventExact(Method):
     chooses: ClassVar[bool] = True
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Return Taylor series or explicit formulas."""
+        """Return the formulas of a step for this accuracy and plant: Taylor series, or explicit formulas if a series is impossible."""
         return self.unwatched(accuracy, system).formulas(accuracy, system)
 
     def unwatched(self, accuracy: float, system: HybridSystem) -> Method:
-        """Taylor series, or explicit formulas."""
+        """Return the method that is used while the plant is not stiff: Taylor series, or explicit formulas if a series is impossible."""
         return Explicit() if without_series(accuracy, system) else TaylorSeries()
 
 
@@ -146,7 +149,7 @@ class Explicit(Method):
 class TaylorSeries(Method):
     """Taylor series of high order, in steps that end exactly on every switch (`toolbox.compilation.taylor`).
 
-    Other steps are used in three cases, and `run.why` names the case:
+    In three cases the run uses other steps than Taylor series, and `run.why` names the case:
 
     - an operation of the plant has no series: explicit formulas, with a warning;
     - the series would be too long: explicit formulas, with a warning;
@@ -157,7 +160,7 @@ class TaylorSeries(Method):
     order
         Order of the series, from 6 to 30. By default the order follows from the accuracy.
     budget
-        Largest cost of a run, as for every method.
+        Limits on the cost of a run, a `Budget`.
 
     Examples
     --------
@@ -180,7 +183,7 @@ class TaylorSeries(Method):
             whole("order", self.order, 6, 30)
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Series of the order that the accuracy asks for."""
+        """Return a Taylor series of the given order, or of the order that follows from the accuracy."""
         return Taylor(self.order or 16)
 
 
@@ -200,7 +203,7 @@ class Implicit(Method):
     text: ClassVar[str] = "stiff"
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """RODAS5P, of order 5."""
+        """Return RODAS5P, a linearly implicit method of order 5."""
         return RODAS5P
 
 
@@ -213,7 +216,7 @@ class TimeStepping(Method):
     step
         Length of a step [s]. None (default) refines the step until the accuracy is met.
     budget
-        Largest cost of a run, as for every method.
+        Limits on the cost of a run, a `Budget`.
 
     Examples
     --------
@@ -243,12 +246,12 @@ class TimeStepping(Method):
 
     @property
     def refines(self) -> bool:
-        """Whether the step is to be found."""
+        """Whether the run refines the step until the accuracy is met: True if no step is given."""
         return self.step is None
 
     @property
     def fixed_step(self) -> float | None:
-        """The step [s]."""
+        """The given length of a step [s]. None if the run refines the step."""
         return self.step
 
 
@@ -264,7 +267,7 @@ class Smoothing(Method):
     tolerance
         Tolerance of the integrator. By default a tolerance that resolves the width.
     budget
-        Largest cost of a run, as for every method.
+        Limits on the cost of a run, a `Budget`.
 
     Examples
     --------
@@ -283,17 +286,17 @@ class Smoothing(Method):
     tolerance: float | None = None
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """RODAS5P, because regularised friction is stiff."""
+        """Return RODAS5P, a linearly implicit method, because regularised friction is stiff."""
         return RODAS5P
 
     @property
     def refines(self) -> bool:
-        """Whether the width is to be found."""
+        """Whether the run refines the width until the accuracy is met: True if no width is given."""
         return self.width is None
 
     @property
     def own_tolerance(self) -> float | None:
-        """The tolerance."""
+        """The given tolerance of the integrator. None if it follows from the width."""
         return self.tolerance
 
 

@@ -40,14 +40,14 @@ from toolbox.simulation.samples import Event, scalar, window
 
 
 class Pictured(Protocol):
-    """What a picture asks of a run."""
+    """Attributes and methods of a run that the figures need: a `Trajectory`, or a run that `Trajectory.load` has read."""
 
     time: np.ndarray
     end: float
 
     @property
     def events(self) -> list[Event]:
-        """Every switch of every element."""
+        """Every switch of every element, in order of time."""
 
     @property
     def contacts(self) -> list[str]:
@@ -55,15 +55,15 @@ class Pictured(Protocol):
 
     @property
     def main_signals(self) -> list[str]:
-        """Names of the signals that say most."""
+        """Names of the most important signals, which a plot shows by default."""
 
     @property
     def signal_limits(self) -> Mapping[str, tuple[float | None, float | None]]:
-        """{signal: (lowest, highest)} that a drive keeps signals within."""
+        """{signal: (lowest, highest)}: physical limits that drives and controllers enforce. None means no limit."""
 
     @property
     def display_units(self) -> Mapping[str, str]:
-        """{unit: unit that was typed}."""
+        """{SI unit: unit that was typed}: the units of figures."""
 
     @property
     def every_step(self) -> Any:
@@ -71,7 +71,7 @@ class Pictured(Protocol):
 
     @property
     def modes(self) -> dict[str, np.ndarray]:
-        """Mode of each element at the recorded times."""
+        """{element: mode at each recorded time, shape (nt,)}."""
 
     @property
     def names(self) -> list[str]:
@@ -83,7 +83,7 @@ class Pictured(Protocol):
         """Return the unit of a signal."""
 
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
-        """(begin, end, mode) of one element."""
+        """Return the phases of one element in order, as (begin [s], end [s], name of the mode)."""
 
 
 def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Any:
@@ -98,7 +98,8 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
         The run.
     signals
         Names of signals. For a vector state give its name to draw all entries, or the name of one entry such as
-        "chain.speed.0". By default speeds come first, then driving and resisting forces or torques.
+        "chain.speed.0". By default the main signals of the run: first speeds, then driving and resisting forces or
+        torques.
     ax
         Axes to draw into. By default a new figure with one panel per unit.
     after, until
@@ -328,7 +329,7 @@ def overlay(
     Parameters
     ----------
     runs
-        {label: run}. Runs may be fresh or read from a file.
+        {label: run}. A run may be a result of `simulate` or read from a file.
     signals
         Names of scalar signals. By default the signals that a plot of the first run shows and that all runs have,
         without signals that are the same constant in all runs.
@@ -435,7 +436,7 @@ def stacked_panels(rows: int, height: float, extra: float, sharey: bool = False)
     height
         Height of one panel [inch].
     extra
-        Height of the figure beside its panels [inch], for title and labels.
+        Height that is added to the heights of the panels [inch], for title and labels.
     sharey
         Whether the panels share their vertical axis, too.
 

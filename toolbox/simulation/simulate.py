@@ -62,8 +62,8 @@ def simulate(
         (times, values), a shape of `toolbox.inputs` (`step`, `ramp`, `sine`, `noise`, `square`, `triangle`,
         `inputs.sweep`), or a casadi expression of `toolbox.time`.
     parameters
-        {parameter of the plant or of a controller: value}, for this run only. The controller keeps its design on the
-        declared values of the plant.
+        {parameter of the plant or of a controller: value}, for this run only. The controller is not designed again: it
+        keeps its design on the declared plant.
     controller
         A `Controller`, a callable (t, y) -> u, `Sampled(controller, period, delay)`, or a sequence of them.
     sample_time
@@ -73,13 +73,14 @@ def simulate(
 
         - "event" locates every switch. It uses the steps that are fastest for the run: Taylor series, explicit
           formulas, or linearly implicit formulas if these are cheaper. Runs with a controller in Python use explicit
-          ones. `run.why` gives the choice and its reason.
+          formulas. `run.why` gives the choice and its reason.
         - "taylor", "explicit" and "stiff" locate every switch with the named steps.
         - `TimeStepping(step)`, in short "time-stepping", locates no switch.
         - `Smoothing(width)`, in short "smoothed", regularises friction.
 
-        The last two refine step or width until the accuracy is met, unless the option is given. Every method has an
-        option for the largest cost of a run: `EventExact(budget=Budget(seconds=60))`.
+        `TimeStepping` without a step and `Smoothing` without a width refine the step or the width until the accuracy is
+        met. Every method has the option `budget` for limits on the cost of a run:
+        `EventExact(budget=Budget(seconds=60))`.
     accuracy
         Target for the global error, with every state scaled by its size, between 1e-13 and 0.1. By default the accuracy
         of the scene, else 1e-6.

@@ -82,10 +82,12 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
     Attributes
     ----------
     time
-        Recorded times [s], shape (nt,). If no output times were given, every step is recorded, and events twice (before
-        and after). For very long runs of large plants, only every second, third ... step and all events are recorded,
-        as soon as the records would need more memory than `toolbox.simulation.thin_records.MOST`. `run.at` is then as
-        exact as before, and `run.every_step` has every step.
+        Recorded times [s], shape (nt,). With `output_times` these times. Otherwise every step, and each event twice
+        (before and after it).
+
+        Exception: if the records of a very long run would need more memory than `toolbox.simulation.thin_records.MOST`,
+        the run keeps only every second, third ... step and all events. `run.at` has the same accuracy as with all
+        steps, and `run.every_step` computes the omitted steps again.
     states
         States at the recorded times, shape (nt, n).
     begin
@@ -97,18 +99,19 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
     steps
         Number of steps (accepted, rejected).
     merged
-        Number of guards that reached zero without a change of mode. The element only touched the threshold, or it left
-        and returned faster than can be resolved.
+        Number of cases in which a guard (switching function) reached zero, but the mode did not change. The element
+        only touched its threshold, or it left its mode and returned faster than can be resolved.
     before
-        If a run changed to implicit steps: the time of this change [s] and the explicit formulas used before. Else
-        None.
+        (time [s], formulas) if the run changed to implicit steps: the time of the change, and the explicit formulas of
+        the steps before it. None for every other run.
     answers
-        Outputs of each controller in Python, sample by sample.
+        Outputs of each controller that is written in Python, sample by sample.
     controllers
-        The controllers in Python as the run left them, with their records. A pickled trajectory does not contain them.
+        The controllers that are written in Python, in their state at the end of the run, with their records. A pickled
+        trajectory does not contain them.
     why
-        The steps that a run by "event" used, and the reason for this choice. For other methods, the reason why these
-        steps were not used, or empty.
+        Text about the choice of steps. For the method "event": the kind of steps that the run used, and the reason for
+        this kind. For any other method: the reason why the run used other steps than the method names, or empty text.
 
     Examples
     --------
@@ -147,12 +150,12 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @staticmethod
     def at_instant(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples[float | Any]:
-        """Return the signals at one instant of a run that is in progress.
+        """Return the signals at one instant of a run that has not ended, for code inside the event loop.
 
         Parameters
         ----------
         run, program
-            The run, and its compiled plant.
+            The description of the run, and the compiled program of its plant.
         t, x, m, p
             Time [s], states, modes and parameters at this instant.
         """
@@ -186,7 +189,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return data
 
     def end_before(self, event: int) -> None:
-        """Remove all events from one index on, for a run that ends at a limit of its budget.
+        """Remove the event with a given index and all later events, for a run that ends at a limit of its budget.
 
         Parameters
         ----------
@@ -207,16 +210,22 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def duration(self) -> float:
-        """Requested duration [s]."""
+        """Duration of the run that was requested [s]."""
         return self.run.duration
 
     @cached_property
     def last(self) -> RunState:
-        """The whole state at the end, from which `simulate(plant, duration, start=run.last, ...)` goes on as if the run had never ended.
+        """The whole state at the end of the run: `simulate(plant, duration, start=run.last, ...)` continues the run as if it had not ended.
 
-        It holds what the plant and all laws remember, what is held, and what is on its way. Of a Python law it holds what `get_memory` tells, else a copy of
-        the object; a plain function is taken to remember nothing. Raises SceneError where a Python law can neither tell nor be copied, where it has
-        been lost with a pickled trajectory, and where a budget of events ended the run.
+        It contains the states of the plant, the memory of all controllers, the commands that are held, and the commands
+        that are still delayed. For a controller in Python it contains the array of its method `get_memory`. Without
+        this method it contains a copy of the object. A plain function is taken to have no memory.
+
+        Raises SceneError in three cases:
+
+        - a controller in Python has no `get_memory` and cannot be copied;
+        - the trajectory was pickled, so that its controllers in Python are lost;
+        - a limit on the number of events ended the run.
         """
         if self._last is None or len(self.controllers) != len(self.run.controllers):
             lost = (
@@ -234,14 +243,15 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def accuracy(self) -> float:
-        """Requested accuracy."""
+        """Accuracy that was requested: target for the global error [1]."""
         return self.run.accuracy
 
     @cached_property
     def events(self) -> list[Event]:  # type: ignore[override]
-        """Every switch of every element, in order of time; not how the second direction of a friction finds its own.
+        """Every switch of every element, as a list of `Event` in order of time.
 
-        Frictions on one slip switch together: each has its own event.
+        If several frictions act on the same slip, they switch at the same instant, and each of them has its own event.
+        The auxiliary element that gives the direction of a friction in two directions has no events here.
         """
         found = [event for event, _ in self._switches()]
         if self.program.system.shared_modes:
@@ -272,12 +282,12 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def ambiguous_events(self) -> list[Event]:
-        """Events at which another choice of modes would also have been consistent with the forces.
+        """Events with more than one choice of modes that was consistent with the forces.
 
         If several contacts hold each other and the static friction is above the kinetic friction, Coulomb's law is not
         unique. It does not determine whether an arriving contact sticks, or which contact at its limit breaks away
-        first. The run then continues with as many contacts in stick as possible. Another choice leads to another
-        motion.
+        first. At such an event the run continues with as many contacts in stick as possible. A different choice would
+        lead to a different motion.
         """
         return [event for event, other in self._switches() if other]
 
@@ -295,7 +305,9 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
-        """Limits of signals, set by drives and controllers, as {signal: (lowest, highest)}. None means no limit."""
+        """Physical limits that drives and controllers enforce on signals, as {signal: (lowest, highest)} in SI. None
+        means no limit in this direction.
+        """
         found: dict[str, tuple[float | None, float | None]] = {}
         for part in (*self.run.system.parts, *self.run.controllers):
             for name, (low, high) in getattr(law_of(part), "signal_limits", {}).items():
@@ -332,14 +344,14 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return legend[int(self._last_mode[place])]
 
     def interpolated(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples[Any]:
-        """Return signals at times within the recorded steps.
+        """Return all signals at times within the recorded steps.
 
         At the end of a step the value is the value before a switch.
 
         Parameters
         ----------
         row
-            Index of the node at which the step of each time begins.
+            For each time, the index of the recorded time at which its step begins.
         times
             Times [s], in the shape of `row`.
         single
@@ -360,7 +372,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @cached_property
     def every_step(self) -> Trajectory:
-        """The same run with every step recorded (itself, unless output times were given or not every step is recorded)."""
+        """The same run with every step recorded. If every step is recorded already, this is the run itself. Otherwise the steps are computed again."""
         found = self.restart_nodes
         if not found.passed.size:
             return found
@@ -372,7 +384,10 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @cached_property
     def restart_nodes(self) -> Trajectory:
-        """The same run with nodes from which steps lead to every state between them (the run itself, unless output times were given)."""
+        """The same run recorded at steps instead of output times, so that any state can be computed by one step from a recorded state.
+
+        If no output times were given, this is the run itself.
+        """
         if self.run.output_times is None:
             return self
         laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
@@ -387,13 +402,17 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @cached_property
     def error_estimate(self) -> float:
-        """Largest difference of a state to a second run at accuracy/100, relative to the size of that state over the run.
+        """Estimated error of the run: the largest difference between a state of this run and of a second run with accuracy/100.
 
-        A state that is round-off of others of its unit (below 1e-10 of the largest), as of a mode that nothing moves, is compared with the largest. Between
-        units no size tells round-off from motion: a small state that sums up the difference of large speeds, such as the twist of a string that turns
-        nearly as a whole, counts with its own size, because loads follow from it.
-        Where impacts make states jump, the two runs are compared outside the time between their jumps, and that time counts itself, relative to the
-        duration.
+        The difference is relative to the size of the state over the run, with two exceptions.
+
+        - A state that is below 1e-10 of the largest state with the same unit is round-off, such as a vibration mode
+          that nothing moves. It is compared with the largest state of this unit. States with different units are never
+          compared. A twist that is small beside large speeds therefore counts with its own size, because the torque of
+          the string follows from it.
+        - At an impact a state jumps, and the two runs jump at slightly different times. The runs are compared outside
+          the time between the two jumps. The length of this time, as a fraction of the duration, counts as a
+          difference, too.
         """
         longest = self.run.longest_step / 5.3
         if self.program.system.updates:  # where samples set the steps, another accuracy alone would repeat them, and their error
@@ -404,7 +423,8 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
     def difference(self, better: Trajectory) -> float:
         """Compute the largest relative difference of a state between this run and another run of the same plant.
 
-        The difference is relative to the size of the state. Impacts are treated as in `error_estimate`.
+        Return the largest difference as a fraction of the size of the state. Impacts are treated as in
+        `error_estimate`.
 
         Parameters
         ----------

@@ -37,11 +37,11 @@ ENDLESS = 1e12
 def equilibria(loop: ClosedLoop) -> list[Equilibrium]:
     """Find steady states in all modes of the contacts, from several guesses.
 
-    Each guess is the state that the plant would have without friction, scaled by 1, 1/2, ... 1/64 and 0. So the slow
-    steady states of a falling friction law are found beside the fast one. All combinations of modes are tried up to
-    81 combinations. If there are more, only combinations with the same mode for every contact are tried. A contact
-    that may rest anywhere in a range is represented by one state of the range. The search does not prove that no
-    other steady state exists.
+    Each guess is the state that the plant would have without friction, scaled by 1, 1/2, ... 1/64 and 0. So a friction
+    law that falls with speed gives the steady states of low speed, too, and not only the steady state of the highest
+    speed. All combinations of modes are tried up to 81 combinations. If there are more, only combinations with the same
+    mode for every contact are tried. A contact that may rest anywhere in a range is represented by one state of the
+    range. The search does not prove that no other steady state exists.
 
     Parameters
     ----------

@@ -116,14 +116,14 @@ def hopf_points(
     - Values without a steady state are skipped. If smooth running ends inside the range, its end is examined as one
       more value.
     - A pair of poles whose frequency is below 1e-9 of the fastest pole counts as two real poles and gives no Hopf
-      point. An example is a slow creep on rock. To make such a point visible, increase a mass that has no other
-      influence there.
+      point. An example is a slow creep on rock. To find such a point, increase a mass that does not influence the
+      border.
 
     Parameters
     ----------
     loop
-        A loop with constant inputs, or a plant. Sampled controllers need slopes. Their sample times, holds and delays
-        are exact.
+        A loop with constant inputs, or a plant. A sampled controller must have a slope: its command must be a
+        differentiable function of its measurements. Its sample time, hold and delay are taken into account exactly.
     parameter
         Name of a parameter of the plant or of a controller, of a sample time or a delay, or of an input. Examples are
         `top.reference`, `bit.weight`, `block.damping` and `chain.stiffness.0`.
@@ -227,7 +227,8 @@ def hopf_curve(
     Parameters
     ----------
     loop
-        A loop with constant inputs, or a plant. Sampled controllers need slopes.
+        A loop with constant inputs, or a plant. A sampled controller must have a slope: its command must be a
+        differentiable function of its measurements.
     parameter, bounds
         The first parameter or input, and the range (low, high) in which its Hopf value is searched, in SI or text
         with units.
@@ -240,7 +241,8 @@ def hopf_curve(
     Returns
     -------
     array, shape (len(values),)
-        The outermost Hopf value if there are several. nan if the range holds none, or if there is no smooth running.
+        The Hopf values of the first parameter. If there are several for one value of the second parameter, the
+        outermost of them. nan if the range holds none, or if there is no smooth running.
 
     Raises
     ------

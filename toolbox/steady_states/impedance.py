@@ -58,7 +58,7 @@ def impedance(
 
         PI controller:  Z = K_p + K_i / (i w);      with the top inertia and drag:  Z = K_p + K_i / (i w) + i w J + c_r
 
-    A controller with limits or nested loops has different impedances at different operating points.
+    The impedance of a controller with limits or nested loops depends on the operating point.
 
     Parameters
     ----------
@@ -74,9 +74,10 @@ def impedance(
         Names of the speed and of the torque at the top. By default the first signals that the controller measures and
         gives.
     inertia, drag
-        Inertia J [kg m2] and drag c_r [N m s/rad] of the top itself.
+        Inertia J [kg m2] and drag c_r [N m s/rad] of the top drive, which are added to the impedance of the parts. By
+        default 0.
     speed
-        Speed around which the controller is linearised [rad/s].
+        Speed around which the controller is linearised [rad/s], by default 0.
     at
         {state of the controller: value} at this speed. States that are left out are 0.
 

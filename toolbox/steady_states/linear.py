@@ -47,9 +47,9 @@ def equilibrium(loop: ClosedLoop, *, guess: Mapping[str, Any] | None = None, mod
     loop
         A loop with constant inputs, or a plant.
     guess
-        Start of the search: {state, or signal that is a state: value}. By default the search begins at the steady
-        state that the plant would have without friction. It then leads to the fastest steady state if a falling
-        friction law has several.
+        Start of the search: {state, or signal that is a state: value}. By default the search begins at the steady state
+        that the plant would have without friction. If friction that falls with speed gives several steady states, this
+        start leads to the steady state of the highest speed.
     mode
         {contact or relay: mode}, such as {"bit": "stick"}. Modes of a contact are "slip+", "slip-" and "stick". By
         default contacts slide in the direction in which they slide at the start ("slip+" at zero slip), and relays
@@ -262,10 +262,10 @@ def linearise(
 
     The result is a `control.StateSpace` with named states, inputs and outputs, computed from exact Jacobians.
 
-    - The point need not be a steady state. Otherwise the matrices describe the deviation from the motion through the
-      point, at frozen time.
-    - One state per sticking contact is left out. Other states that follow from the stick are set accordingly, unless
-      `at` gives them.
+    - The point need not be a steady state. If it is none, the matrices describe small deviations from the motion
+      through the point, at frozen time.
+    - One state per sticking contact is left out. States that sticking contacts determine get the values that follow
+      from the stick, unless `at` gives them.
     - Names have "_" in place of ".", because python-control reserves the dot: `sys["bit_speed", "top_torque"]`, states
       `chain_speed[0]`.
 

@@ -85,12 +85,12 @@ def zero_order_hold(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.nda
     B
         Input matrix, shape (n, m).
     period
-        Period [s].
+        Sample time [s].
 
     Returns
     -------
     array, array
-        exp(A period), shape (n, n), and the integral of exp(A s) B over the period, shape (n, m).
+        exp(A period), shape (n, n), and the integral of exp(A s) B over s from 0 to the period, shape (n, m).
 
     Examples
     --------

@@ -24,7 +24,8 @@ def pole_locus(loop: ClosedLoop, parameter: str, values: Sequence[NumberOrText],
     Parameters
     ----------
     loop
-        A loop, or a plant. Sampled controllers need slopes.
+        A loop, or a plant. A sampled controller must have a slope: its command must be a differentiable function of its
+        measurements.
     parameter, values
         The parameter or input, and its values.
     mode

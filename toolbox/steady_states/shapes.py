@@ -20,14 +20,14 @@ from toolbox.steady_states.linear import equilibrium
 
 @dataclass(frozen=True)
 class ModeShapes(Result):
-    """Vibration modes of a machine, the slowest first. `found.plot()` draws them.
+    """Vibration modes of a machine, the result of `mode_shapes`, in the order of their frequencies. `found.plot()` draws them.
 
     Attributes
     ----------
     state
         The state of inertias or masses whose motion the shapes describe, such as `chain.speed`.
     poles
-        One pole of each pair [1/s], with a positive imaginary part.
+        The pole of each mode with a positive imaginary part [1/s], shape (modes,).
     shapes
         Motion of every entry of the state, shape (modes, entries), real, normalised to the largest value 1: the
         displacements at the instant at which the entry with the largest amplitude is at its maximum.
@@ -79,14 +79,14 @@ class ModeShapes(Result):
         return heads, np.column_stack([self.frequencies, self.poles.real, self.shapes]).tolist()
 
     def plot(self, most: int = 5, ax: Any = None) -> Any:
-        """Draw the slowest modes over depth, or over the entries if the depth is not known, the first at the top. Returns the axes.
+        """Draw the modes of the lowest frequencies over depth, or over the entries of the state if the depth is not known. Return the axes.
 
         Parameters
         ----------
         most
-            Modes that are drawn at most.
+            Largest number of modes that are drawn.
         ax
-            Axes to draw into.
+            Axes to draw into. By default a new figure.
         """
         from toolbox.figures.style import LINES, WIDTH, drawn_on, in_words, name_axis
 
@@ -128,7 +128,7 @@ def mode_shapes(loop: ClosedLoop, state: str | None = None, *, mode: Mapping[str
     Returns
     -------
     ModeShapes
-        Poles and shapes of all modes that oscillate, the slowest first.
+        Poles and shapes of all modes that oscillate, in the order of their frequencies.
 
     Raises
     ------

@@ -16,7 +16,8 @@ from toolbox.vocabulary import new_names_only
 
 @dataclass(frozen=True)
 class Variations:
-    """Values of several numbers, one row per run. `grid`, `listed`, `uniform`, `latin_hypercube` or `sobol` make them.
+    """Design of experiments for `sweep`: values of several numbers, one row per run. `grid`, `listed`, `uniform`,
+    `latin_hypercube` and `sobol` make it.
 
     Attributes
     ----------
@@ -47,7 +48,7 @@ class Variations:
 
 
 def grid(axes: Mapping[str, Any]) -> Variations:
-    """Return every combination of the values of all names, as a design for `sweep`.
+    """Return every combination of the values of all names, as a design of experiments for `sweep`.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def grid(axes: Mapping[str, Any]) -> Variations:
 
 
 def listed(rows: Any) -> Variations:
-    """Return a design for `sweep` with one run per row of a table.
+    """Return a design of experiments for `sweep` with one run per row of a table.
 
     Parameters
     ----------
@@ -117,12 +118,12 @@ def listed(rows: Any) -> Variations:
 
 @new_names_only
 def uniform(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
-    """Return independent uniform random numbers as a design for `sweep`.
+    """Return independent uniform random numbers as a design of experiments for `sweep`.
 
     Parameters
     ----------
     ranges
-        {name: (low, high)}.
+        {name: (low, high)} of the numbers that vary.
     runs
         Number of runs.
     seed
@@ -145,14 +146,14 @@ def uniform(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0)
 
 @new_names_only
 def latin_hypercube(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
-    """Return a Latin hypercube as a design for `sweep`.
+    """Return a Latin hypercube as a design of experiments for `sweep`.
 
     Every range is divided into `runs` equal parts, and each part holds exactly one value (scipy.stats.qmc).
 
     Parameters
     ----------
     ranges
-        {name: (low, high)}.
+        {name: (low, high)} of the numbers that vary.
     runs
         Number of runs.
     seed
@@ -181,14 +182,14 @@ def latin_hypercube(ranges: Mapping[str, tuple[float, float]], runs: int, seed: 
 
 @new_names_only
 def sobol(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
-    """Return a scrambled Sobol sequence as a design for `sweep` (scipy.stats.qmc).
+    """Return a scrambled Sobol sequence as a design of experiments for `sweep` (scipy.stats.qmc).
 
     Parameters
     ----------
     ranges
-        {name: (low, high)}.
+        {name: (low, high)} of the numbers that vary.
     runs
-        Number of runs. The sequence is balanced only if it is a power of two.
+        Number of runs. The sequence is balanced only if this number is a power of two.
     seed
         Seed of the scrambling.
 

@@ -45,7 +45,8 @@ class Sweep(Told, Result):
     duration, accuracy
         Length [s] and accuracy of a run.
     seconds
-        Wall time [s], without runs that were read from a checkpoint. 0 after loading, because files do not hold it.
+        Computing time of the sweep (wall time) [s], without runs that were read from a checkpoint. 0 after loading,
+        because files do not hold it.
     display_units
         {SI unit: unit that was typed}: the units of the report.
 
@@ -145,7 +146,9 @@ class Sweep(Told, Result):
         return frame
 
     def to_xarray(self) -> Any:
-        """Return an xarray Dataset with axes as coordinates, units as attributes, and the reasons of failures. Needs the extra `batch`."""
+        """Return the metrics as an xarray Dataset, with the varied numbers as coordinates, units as attributes, and the
+        reasons of failures. Needs the extra `batch`.
+        """
         xarray = optional("xarray", "`to_xarray`", "batch")
         if self.axes:
             dims = self.names
@@ -183,7 +186,7 @@ class Sweep(Told, Result):
     def load(cls, path: str | Path) -> Sweep:
         """Read a sweep from a file of `save`, or from the `checkpoint` folder of a finished sweep.
 
-        Raises SceneError for anything else, and for a sweep that is not finished.
+        Raises SceneError for any other file or folder, and for a sweep that is not finished.
         """
         path = Path(path)
         if not path.is_dir():

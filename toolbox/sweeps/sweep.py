@@ -56,12 +56,13 @@ def sweep(
     checkpoint: str | Path | None = None,
     **former_names: Any,
 ) -> Sweep:
-    """Simulate a loop once for every combination of some of its numbers, and measure every run.
+    """Simulate a loop once for every combination of given values of some of its numbers, and measure every run.
 
     - All runs see the same measurement noise.
     - If a number is used only by the design of a controller, the controller is designed again for every value. All
       other numbers are changed where they act, and designed gains stay.
-    - The choice between stiff and other steps is made once for all runs, in the middle of the design.
+    - The kind of steps, implicit for a stiff plant and otherwise explicit, is chosen once for all runs: by the run in
+      the middle of the list of runs.
 
     Parameters
     ----------
@@ -69,30 +70,31 @@ def sweep(
         A loop, or a plant.
     ranges
         {name: values} for a grid, or rows of {name: value}, in SI or text with units. Or a pandas table, or one of the
-        designs `latin_hypercube`, `sobol` and `uniform` of `toolbox.sweeps`. A name is any of `loop.variable_numbers()`
-        except a sample time and the numbers of a table. An input is held constant.
+        designs of experiments `latin_hypercube`, `sobol` and `uniform` of `toolbox.sweeps`. A name is any name of
+        `loop.variable_numbers()` except a sample time and the numbers of a table. An input that is varied is constant
+        during a run.
     duration
         Length of a run [s], or text with a unit. By default the duration of the scene, for a loop from a scene.
     start
-        A function {name: value} -> {state, memory of a sampled controller, or command that it holds: start value}. It
-        overrides the start of the loop.
+        A function that gets the values {name: value} of a run and returns its start values {state, memory of a sampled
+        controller, or held command: start value}. They override the start of the loop.
     metrics
         A name of `toolbox.measuring.metrics.METRICS`, a metric of that module, a function of the run, or several as a
         sequence or {name: metric}. They are evaluated for the contact and the signal that the loop judges, from the
-        time that the loop gives or in the second half of the run. Settling, overshoot and functions are read from each
-        run in turn, which takes longer.
+        time that the loop gives or in the second half of the run. The metrics "settling" and "overshoot" and functions
+        are computed run after run, which takes longer than the metrics that are computed in machine code.
     method
         A method or its name, as for `simulate`: "event", "taylor", "explicit", "stiff", "time-stepping" or "smoothed".
-        Its budget is the largest cost of one run.
+        The `budget` of a method limits the cost of each single run.
     accuracy
         Target for the global error, between 1e-13 and 0.1. By default the accuracy of the scene, else 1e-6.
     executor
         Any `concurrent.futures.Executor`, such as the executor of a Dask client (`client.get_executor()`). By default
         one thread per core. If a controller is written in Python, one process per core if this saves time.
     checkpoint
-        A folder for the results as they come, a zarr store (`toolbox.sweeps.store`; needs the extra `batch`). The same
-        call after an interruption continues, `xarray.open_zarr` shows the results so far, and `Sweep.load` reads the
-        finished sweep.
+        A folder in which every result is stored as soon as it is computed, a zarr store (`toolbox.sweeps.store`; needs
+        the extra `batch`). The same call after an interruption continues, `xarray.open_zarr` shows the results so far,
+        and `Sweep.load` reads the finished sweep.
 
     Returns
     -------
@@ -103,7 +105,7 @@ def sweep(
     ------
     SceneError
         If a name is unknown, a value is out of bounds, a sample time or an entry of a table is varied, or `checkpoint`
-        holds anything but this sweep.
+        belongs to a different sweep.
     OSError
         If the disk is full.
     ImportError

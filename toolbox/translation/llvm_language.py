@@ -37,7 +37,7 @@ FIXED = "!invariant.load !0"
 """What says that the table of addresses and sizes does not change."""
 
 _TAGS = {"double": "!tbaa !4", "i64": "!tbaa !5", "i32": "!tbaa !6", "i8": "!tbaa !7"}
-"""What tells arrays of one type from those of others (`METADATA` of `toolbox.translation.compiled`)."""
+"""What tells arrays of one type from those of others (`METADATA` of `toolbox.translation.llvm_module`)."""
 
 
 def type_of(kind: Kind) -> str:

@@ -76,14 +76,14 @@ class Trial:
 
 @dataclass(frozen=True)
 class Tuned(Told, Result):
-    """Result of a tuning. `print` shows the report.
+    """Result of `tune`: all points that were tried, and the best controller. `print` shows the report.
 
     Attributes
     ----------
     title
         Title of the tuning.
     free
-        The numbers that were tuned.
+        The numbers of the controller that were tuned, with their ranges.
     objectives, units
         Objectives that were minimised, and their units.
     scenes
@@ -91,18 +91,29 @@ class Tuned(Told, Result):
     aggregate
         Function that combines the values of several scenes.
     trials
-        Every point that was tried. The controller as given comes first.
+        Every point that was tried, a `Trial` each. The first is the controller as given.
     seed
         Seed of the search.
     loop
         The loop of the first scene, with the controller as given. None after loading: `dataclasses.replace(found,
         loop=loop)` then gives access to its controllers.
     simulated_runs
-        Number of runs of this call. All others came from the checkpoint.
+        Number of runs that this call simulated. The outcomes of all other runs came from the checkpoint.
     display_units
         {SI unit: unit that was typed}: the units of report and figure.
     situation
         The situation for which the objectives hold, in one line.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, tune
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="60 kN"))
+    >>> drive = PI(proportional=400.0, integral=100.0, reference="120 rpm")
+    >>> found = tune(rig, drive, "severity", {"pi.proportional": (100.0, 2000.0)}, duration="30 s", runs=10)
+    >>> print(f"severity {found.before.values[0][0]:.2f} before, {found.best.values[0][0]:.2f} after {len(found.trials)} trials")
+    severity 0.20 before, 0.11 after 9 trials
     """
 
     title: str
@@ -120,11 +131,11 @@ class Tuned(Told, Result):
 
     @property
     def before(self) -> Trial:
-        """Trial of the controller as given."""
+        """Trial of the controller as it was given to `tune`."""
         return self.trials[0]
 
     def counted(self, trial: Trial) -> tuple[float, ...]:
-        """Return the objectives of a trial, each combined over the scenes."""
+        """Return the objectives of a trial, each combined over the scenes by `aggregate`, in the order of `objectives`."""
         return counted_over(trial, self.aggregate)
 
     @property
@@ -139,8 +150,8 @@ class Tuned(Told, Result):
         """Trial with the smallest objective.
 
         For a Pareto front it is the trial nearest to the ideal corner, with each axis scaled from the best to the worst
-        value. If some trials are at least as good as the given controller in every objective, it is one of these.
-        Raises SceneError if no trial succeeded.
+        value. If some trials are at least as good as the given controller in every objective, only these trials are
+        considered. Raises SceneError if no trial succeeded.
         """
         front = self.front
         if not front:
@@ -155,16 +166,16 @@ class Tuned(Told, Result):
 
     @property
     def law(self) -> Controller | Sampled:
-        """The best controller, ready for `simulate(..., controller=law)`: with period, delay and sensors if it is sampled."""
+        """The best controller, for `simulate(..., controller=found.law)`. A sampled controller has its sample time, delay and sensors."""
         return self.law_of(self.best)
 
     def law_of(self, trial: Trial) -> Controller | Sampled:
-        """Return the controller of any trial, such as another member of the front. Raises SceneError after loading, because a file holds no loop."""
+        """Return the controller of a trial, such as a trial of the Pareto front. Raises SceneError after loading, because a file holds no loop."""
         return law_with_numbers(with_numbers(self._machine, self.free, trial.numbers))
 
     @property
     def controller(self) -> Controller | Sampled:
-        """Controller as given."""
+        """Controller as it was given to `tune`."""
         return self._machine.controllers[0]
 
     @property
@@ -177,7 +188,7 @@ class Tuned(Told, Result):
         return self.loop
 
     def applied(self, scene: Scene, label: str) -> Scene:
-        """Return a scene with one more case: the case with this label again, with the best numbers, as "<label>, tuned"."""
+        """Return a scene with an additional case "<label>, tuned": a copy of the case `label` with the best numbers."""
         cases = []
         for case in scene.cases:
             cases.append(case)
@@ -253,7 +264,7 @@ class Tuned(Told, Result):
         return rows
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the front, or the best value over the number of trials (`toolbox.tuning.figures.tuning_diagram`)."""
+        """Draw the Pareto front or, for one objective, the best value over the number of trials (`toolbox.tuning.figures.tuning_diagram`)."""
         from toolbox.figures.style import reading_of  # here, because matplotlib is slow to import
         from toolbox.tuning.figures import tuning_diagram
 

@@ -61,8 +61,8 @@ def tune(
 ) -> Tuned:
     """Find the numbers of a controller within `ranges` that minimise one objective, or the Pareto front of several objectives.
 
-    `toolbox.tuning` describes the search. The same arguments give the same result with any executor. A point counts as
-    infinitely bad if its controller cannot be designed or its run fails.
+    The module `toolbox.tuning` describes the search. The same arguments give the same result with any executor. If the
+    controller of a point cannot be designed, or a run of the point fails, its objective counts as infinite.
 
     Parameters
     ----------
@@ -70,16 +70,16 @@ def tune(
         One scene, several, or {label: scene}: the controller is judged on all of them. A plant may replace a scene and
         counts as `Scene.of(plant, duration)`: it starts from rest and is judged in the second half of the run.
     controller
-        Label of a case that every scene has (each keeps its own set-point, period and sensors), a `Controller`
-        (continuous) or a `Sampled`.
+        A `Controller` (continuous), a `Sampled`, or the label of a case that every scene has. With a label the
+        controller of each scene keeps its own set-point, sample time and sensors.
     objective
         The objective that is minimised: a metric by its name, judged as the scene says ("stuck" [s], "severity",
         "settling" [s], "overshoot", "peak"), or a function run -> float. A sequence or {label: objective} asks for a
         Pareto front.
     ranges
-        {number of the controller: (low, high)}, in SI or text with units, by its name among the numbers of the loop:
-        "pi.proportional", "softtorque.detuning", "lqr.gain.0". If only the design uses the number, the controller is
-        designed again. Any other number is changed where it acts.
+        {number of the controller: (low, high)}, in SI or text with units. The names are the names of numbers of the
+        loop, such as "pi.proportional", "softtorque.detuning" or "lqr.gain.0". If only the design uses the number, the
+        controller is designed again. Any other number is changed where it acts.
     duration
         Length of the runs of plants [s].
     aggregate
@@ -90,11 +90,11 @@ def tune(
         Seed of the search.
     checkpoint
         File that keeps every point. The same call after an interruption continues from this file and gives the same
-        result. A longer tuning, with larger `runs`, uses the points of a shorter one.
+        result. A call with a larger number `runs` uses the points of an earlier call with fewer runs.
     executor
         Any `concurrent.futures.Executor` of processes, such as the executor of a Dask client. It simulates in parallel
-        all scenes of a point, and all points that the search knows in advance. By default one run follows the other in
-        this process.
+        all scenes of a point, and all points that the search can name before their results are known. By default one
+        run follows the other in this process.
 
     Returns
     -------

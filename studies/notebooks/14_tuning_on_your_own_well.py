@@ -128,8 +128,9 @@ print(f"{lines} lines of C")
 # neither, and the finer string agrees under a weight in between. From a stick-slip that exists they end the sticks, but almost no run comes
 # to smooth running: the bit goes on swinging in the second torsional mode, by 44 % of its mean speed, although a small disturbance of
 # smooth running dies. With a drive a fifth lighter, a fifth more weight and twice the delay at once, the bit also sticks again in some
-# runs. So gains that were tuned from rest must be judged from stick-slip, too. The proportional gain falls by a factor of 10 to 40, to a few times the impedance of the pipe: the drive
-# gives way to the string. How slow it can turn the bit, and what margin is left, is the question of notebook 7.
+# runs. So gains that were tuned from rest must be judged from stick-slip, too. The proportional gain falls by a factor of 10 to 40, to a
+# few times the impedance of the pipe: the drive gives way to the string. How slow it can turn the bit, and what margin is left, is the
+# question of notebook 7.
 
 # %%
 answer = {

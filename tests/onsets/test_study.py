@@ -88,7 +88,7 @@ def test_a_large_swing_without_a_stick_is_no_free_running():
         (Judged(NOT_DECIDED, sticks=7), 4, "stick-slip"),
         (Judged(NOT_DECIDED, rate=1 / 46_800), 0, "grows in 4.68e+04 s"),
         (Judged(NOT_DECIDED, rate=-0.1), 0, "not decided"),
-        (Judged(NOT_DECIDED, rate=math.nan), 0, "not decided"),
+        (Judged(NOT_DECIDED, rate=math.nan), 0, "no stick"),
     ],
 )
 def test_the_words_of_a_verdict(judged, sticks, word):

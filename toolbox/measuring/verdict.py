@@ -124,7 +124,7 @@ def of_judged(judged: Judged, count: int) -> Verdict:
     "free", "stick-slip", "swing" and "stuck" for its regime at last; "recovered after 1 stick" and "recovered" if it is free after one stick or several;
     "stick-slip" also if sticks go on and never repeat: whether a chaotic motion seems to repeat depends on the last bits of a processor. "stick-slip later"
     and "stuck later" if sticks begin only after the time that was looked at. If nothing decides, the time constant is told with which a small disturbance of
-    smooth running grows.
+    smooth running grows; "no stick" if this growth is not known either, as under a controller that chatters, and nothing has stuck.
 
     Parameters
     ----------
@@ -144,7 +144,9 @@ def of_judged(judged: Judged, count: int) -> Verdict:
     if judged.regime == NOT_DECIDED:
         if judged.sticks:
             return STICK_SLIP.because(why)
-        return Verdict(told_growth(judged.rate), failed=True, reason=why) if judged.rate > 0 else UNDECIDED.because(why)
+        if judged.rate > 0:
+            return Verdict(told_growth(judged.rate), failed=True, reason=why)
+        return UNDECIDED.because(why) if count or not math.isnan(judged.rate) else NO_STICK.because(why)
     return Verdict(judged.regime, judged.regime, failed=True)
 
 

@@ -88,7 +88,11 @@ class BrakeLaw(Controller):
                 raise SceneError(f"Argument `border_speeds` must begin at 0 and increase, but it is {speeds!r}.")
 
     def design(self, plant: HybridSystem) -> Any:
-        """Return the controller with missing numbers read from the plant. The border of groan is read only if there is a `margin`."""
+        """Return a copy of the controller in which the fields that are None have values from the plant.
+
+        `inertia` and `radius` are read from the disc, and `deceleration` and `jerk` follow from `car_deceleration` and
+        `car_jerk`. If there is a `margin`, the border of groan is computed by `groan_border`.
+        """
         found: dict[str, Any] = {}
         try:
             found = {name: plant.parameter(f"disc.{name}") for name in ("inertia", "radius") if getattr(self, name) is None}

@@ -76,7 +76,11 @@ class BrakeMPC(BrakeLaw):
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 
     def design(self, plant: HybridSystem) -> PlannedStop:
-        """Return the controller for this plant as a callable (t, y) -> force [N] with a memory. y holds disc speed [rad/s] and brake torque [N m]."""
+        """Return the controller for this plant as a callable (t, y) -> force [N], which is called once per sample.
+
+        y is the array (disc speed [rad/s], brake torque [N m]). The callable remembers its last plan and the averaged
+        friction from sample to sample.
+        """
         check_fields(self)
         lag = self.lag
         if lag is None:

@@ -92,7 +92,10 @@ class NormalDither(LoadDither):
     frequency: Quantity = quantity(1.0, "Hz", "frequency of the dither", above=0)
 
     def wave(self) -> Any:
-        """Return the wave, between -1 and 1, as a casadi expression of time."""
+        """Return the wave sin(2 pi frequency t) as a casadi expression. Its values are between -1 and 1.
+
+        The method has no argument: the time t in the expression is the symbol `toolbox.time`.
+        """
         return ca.sin(2.0 * ca.pi * self.frequency * time)
 
     def continuous(self, signal):
@@ -133,6 +136,9 @@ class SweptDither(NormalDither):
 
     The frequency varies by `frequency_deviation` above and below `frequency`, with the period `sweep_time`. The other
     fields are the fields of `NormalDither`.
+
+    By default the dither acts on the weight on bit: the controller gives the input `bit.weight`, so the declared weight
+    of the rock is no longer used, except as the mean of the dither.
 
     Examples
     --------

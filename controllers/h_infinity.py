@@ -78,7 +78,11 @@ class HInfinity(TorqueLimits):
     gamma: OptionalQuantity = quantity(None, "1", "bound of the norm; filled in by design")
 
     def design(self, plant):
-        """Return the controller designed on the plant. Raises SceneError if no controller has a finite norm on this plant."""
+        """Return a copy of the controller with the matrices, the operating torque and the norm `gamma` computed on the plant.
+
+        If `controller_matrices` is given, the method returns this controller unchanged. Raises SceneError if no controller
+        has a finite norm on this plant.
+        """
         if self.controller_matrices is not None:
             return self
         model, x, u, A = drilling_point(plant, self.reference)

@@ -16,8 +16,9 @@ class HeldSpeed(Controller):
 
         T = I (2 zeta om e + om^2 int e dt),   e = reference - w,   om = 2 pi frequency
 
-    The gains place the poles of a disc with inertia I at the roots of s^2 + 2 zeta om s + om^2. `design` reads I
-    (`disc.inertia`) from the plant.
+    I is the field `inertia` [kg m2], zeta the field `damping` [1], om the natural frequency [rad/s] and w the speed of
+    the disc [rad/s]. The gains place the poles of a disc with inertia I at the roots of s^2 + 2 zeta om s + om^2.
+    `design` reads I (`disc.inertia`) from the plant.
 
     Why: a stop passes the speeds at which a pad groans in a few seconds. It has no steady state whose stability could
     be analysed. A drive that holds the speed gives such a steady state. Choose

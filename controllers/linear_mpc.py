@@ -65,8 +65,11 @@ class LinearMPC(Predictive):
     )
 
     def design(self, plant: HybridSystem) -> PlannedLinear:
-        """Return the controller for this plant as a callable (t, y) -> torque [N m] with a memory. y holds the measured
-        signals and, optionally, the present torque [N m] and the set-point [rad/s].
+        """Return the controller for this plant as a callable (t, y) -> torque [N m], which is called once per sample.
+
+        y is an array that begins with the measured signals, in the order of `measured_signals`. After them the set-point
+        [rad/s] may follow, or the present torque [N m] and then the set-point. The callable remembers its estimates and its
+        last plan from sample to sample.
         """
         return PlannedLinear(self, without_actuators(plant))
 

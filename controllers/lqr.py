@@ -75,8 +75,9 @@ class LQR(TorqueLimits):
     operating_point_slope: OptionalQuantities = quantity(None, "1", "change of x_0 and u_0 per rad/s of set-point; filled in by design")
 
     def design(self, plant):
-        """Return the controller with the gain and the operating point that are computed on the plant. If `gain` is
-        given, return the controller itself.
+        """Return a copy of the controller with the fields `gain`, `operating_point` and `operating_point_slope` computed on the plant.
+
+        If `gain` is given, the method returns this controller unchanged.
         """
         if self.gain is not None:
             return self

@@ -101,7 +101,7 @@ class ImpedanceSuperTwisting(SuperTwisting):
     impedance: OptionalQuantity = quantity(None, "N m s/rad", "impedance Z", above=0)
 
     def design(self, plant):
-        """Return the controller with inertia, drag and impedance from the plant, if they are not given."""
+        """Return a copy of the controller in which the fields `inertia`, `drag` and `impedance` that are None have values from the chain."""
         law = super().design(plant)
         if law.impedance is not None:
             return law

@@ -99,7 +99,11 @@ class ZTorque(TorqueLimits):
         return cls(**(numbers | others))
 
     def design(self, plant):
-        """Return the controller with missing numbers taken from the chain of the plant."""
+        """Return a copy of the controller in which the fields `impedance`, `integral` and `inertia` that are None have values from
+        the chain of the plant, and `back_calculation` is the impedance of the string.
+
+        If none of the three fields is None, the method returns this controller unchanged.
+        """
         if None not in (self.impedance, self.integral, self.inertia):
             return self
         string = lumped_string(plant, "ZTorque", "`impedance`, `integral` and `inertia`")

@@ -19,6 +19,9 @@ class AxialChain(Component):
 
         m_i v_i' = N_i - N_(i-1) - drag m_i v_i,   N_i = k_i stretch_i + c_i (v_(i+1) - v_i),   stretch_i' = v_(i+1) - v_i
 
+    Symbols and their fields: m_i `mass` [kg], k_i `stiffness` [N/m], c_i `damping` [N s/m], `drag` [1/s], gravity
+    `gravity` [m/s2], H `hook_load` [N].
+
     Speeds are positive downwards. Stretches and forces are counted from the string that hangs freely, where all of them
     are zero. So the weight appears only at the hook: N_0 = H - G at the first mass and N_n = -W at the last mass. H is
     the hook load, G = gravity sum m_i the weight and W the weight on bit. One mass is a rigid string.
@@ -26,13 +29,14 @@ class AxialChain(Component):
     There are two kinds of top end:
 
     - With `hook_load` the hook load H is imposed. n masses have n-1 springs and 2n-1 states.
-    - Without `hook_load` the hook moves at a given speed and carries the string with hoisting lines, which are the
-      first of n springs. There are 2n states.
+    - Without `hook_load` the hook moves at a given speed and carries the string with hoisting lines. n masses then have
+      n springs and 2n states. The hoisting lines are the first spring. Its stretch gives N_0 = k_0 stretch_0 + c_0
+      stretch_0', with the hook speed as speed v_0 above it.
 
     The states are `axial.stretch` [m] and `axial.speed` (n) [m/s].
 
-    - Needs the signals `hook.load` [N] (default: the field) or `hook.speed` [m/s], positive downwards (default 0), and
-      `bit.weight` W [N] (default 0: off bottom).
+    - Needs the signals `hook.load` [N] (default: the field `hook_load`) or `hook.speed` [m/s], positive downwards
+      (default 0), and `bit.weight` W [N] (default 0: off bottom).
     - Gives the signals `bit.axial_speed` [m/s] and, without `hook_load`, `hook.load` [N].
 
     A model of the contact between bit and rock gives the weight on bit: `ElasticRock`, `DragBit`.

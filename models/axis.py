@@ -47,6 +47,8 @@ class Axis(Component):
 
         m v' = F - F_0 - R(v)
 
+    Symbols and their fields: m `mass` [kg], F_0 `force_offset` [N], R friction law `friction`.
+
     F is the force, F_0 a constant force (an offset of the sensor or the amplifier, or a weight) and R the friction.
     `identify` uses this plant for recordings in m and N.
 

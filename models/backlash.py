@@ -19,6 +19,10 @@ class BacklashDrive(Component):
 
         m1 v1' = P + F1 - N+ + N-,   m2 v2' = F2 + N+ - N-,   |x1 - x2| <= play
 
+    Symbols and their fields: m1 `driving_mass` and m2 `driven_mass` [kg], `play` [m], F1 and F2 friction laws
+    `driving_friction` and `driven_friction`. x1, v1 and x2, v2 are position [m] and speed [m/s] of the first and the
+    second body.
+
     The input is the force P on the first body, `driver.force` [N]. F1 and F2 are the frictions of the bodies, N+ and N-
     the contact forces at both sides of the gap.
 

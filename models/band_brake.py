@@ -54,6 +54,9 @@ class BandBrake(Component):
         J w' = T + R F_band,   |F_band| <= gain pull
         gain = exp(mu angle) - 1 in the direction of the pull, 1 - exp(-mu angle) against it
 
+    Symbols and their fields: J `inertia` [kg m2], R `radius` [m], `angle` [rad], mu friction law `friction`. w is
+    the speed of the drum [rad/s] and pull the signal `drum.pull` [N].
+
     - Needs the signals `drum.torque` T [N m] (default 0) and `drum.pull` [N] (default 0, must stay >= 0), the force of
       the actuator at the end of the band.
     - Gives the signals `drum.angle` [rad], `drum.speed` [rad/s].

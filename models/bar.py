@@ -20,6 +20,10 @@ class OscillatorOnBar(Component):
             (rho A L / 2) (q_j'' + 2 zeta w_j q_j' + w_j^2 q_j) = -F sin(j pi a / L)
         u(y, t) = sum q_j sin(j pi y / L),     w_j = (j pi / L) sqrt(E / rho)
 
+    Symbols and their fields: m `mass` [kg], k `stiffness` [N/m], c `damping` [N s/m], V `bar_speed` [m/s], L `length`
+    [m], A `area` [m2], E `modulus` [Pa], rho `density` [kg/m3], zeta `loss` [1]. w_j is the natural frequency of mode j
+    [rad/s].
+
     The sum contains the first `modes` axial modes j of the bar. The contact is at a = `contact_position` L.
 
     - Needs the signal `oscillator.force` f [N] (default 0).

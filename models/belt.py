@@ -17,6 +17,8 @@ from toolbox.modelling import Quantities
 class Block(Component):
     """Mass on a spring, without friction: m v' = u + a - k x - c v.
 
+    Symbols and their fields: m `mass` [kg], k `stiffness` [N/m], c `damping` [N s/m].
+
     - Needs the signals `block.force` u [N] (default 0) and `block.attachment` a [N] (default 0), the force of an
       attached part: a friction damper, an absorber, a bristle.
     - Gives the signals `block.position` x [m], `block.speed` v [m/s].
@@ -47,6 +49,9 @@ class Block(Component):
 @dataclass(frozen=True)
 class BlockOnBelt(Component):
     """Block on a moving belt, held by a spring: m v' = u + a - k x - c v - d (v - v_belt) + F.
+
+    Symbols and their fields: m `mass` [kg], k `stiffness` [N/m], c `damping` [N s/m], d `drag` [N s/m], v_belt
+    `belt_speed` [m/s].
 
     F is the dry friction of the belt on the block. It depends on the slip speed v - v_belt.
 
@@ -141,6 +146,9 @@ class BlocksOnBelt(Component):
 
         m_i v_i' = u_i - k_i x_i - c_i v_i + q_i (x_(i+1) - x_i) - q_(i-1) (x_i - x_(i-1)) + F_i
 
+    Symbols and their fields: m_i `mass` [kg], k_i `stiffness` [N/m], c_i `damping` [N s/m], q_i `tie` [N/m], v_belt
+    `belt_speed` [m/s].
+
     F_i is dry friction with the slip speed v_i - v_belt. This is the smallest plant in which several contacts stick at
     different times.
 
@@ -195,6 +203,8 @@ class BlocksOnBelt(Component):
 @dataclass(frozen=True)
 class Absorber(Component):
     """Dynamic vibration absorber on a block: m_a w' = k_a (x - y) + c_a (v - w).
+
+    Symbols and their fields: m_a `mass` [kg], k_a `stiffness` [N/m], c_a `damping` [N s/m].
 
     x and v are position and speed of the block, y and w are position and speed of the absorber mass. The force of
     spring and damper acts on the block with the opposite sign.
@@ -262,9 +272,12 @@ class Absorber(Component):
 
     @staticmethod
     def max_negative_damping(mass_ratio: float) -> float:
-        """Return the largest negative damping ratio at which `Absorber.tuned(block, e)` keeps a block at rest: sqrt(e) / 2.
+        """Return the largest amount of negative damping that `Absorber.tuned(block, e)` stabilises, as the damping ratio sqrt(e) / 2.
 
-        For a block on a belt, sliding is stable while -N mu'(v_belt) - c < 2 m w_n times the result.
+        Negative damping is a damping ratio below 0 of the block, such as friction that falls with speed gives. Its amount is
+        the absolute value of this ratio. With the result zeta, steady sliding of a block on a belt is stable if
+        -N mu'(v_belt) - c < 2 m w_n zeta, with the load N [N], the slope mu' [s/m] of the friction coefficient, the damping c
+        [N s/m] and the mass m [kg] of the block, and w_n = sqrt(k / m) [rad/s].
 
         Parameters
         ----------

@@ -16,6 +16,9 @@ class BrakeActuator(Component):
 
         n' = clip((clip(u + d + A p, 0, highest_force) - n) / lag, -rate_limit, rate_limit)
 
+    Symbols and their fields: `lag` [s], A `piston_area` [m2], highest_force [N] and rate_limit [N/s] the fields of
+    these names.
+
     u is the commanded force of one pad, d a dither, p a brake pressure on a piston of area A, and n the delivered
     force.
 

@@ -72,12 +72,14 @@ class BristleContact(Component):
 
         z_i' = v - v_plate - w_i ,   F = -sum k/n z_i ,   |k/n z_i| <= mu N share_i ,   w_i = 0 unless at the bound
 
+    Symbols and their fields: k `stiffness` [N/m], mu `friction` [1], share_i `shares` [1], n `n`.
+
     z_i is the deflection and w_i the slip speed of bristle i. k is the stiffness of the whole row, N the load and
     share_i the fraction of the load on bristle i. Under loading from rest F(x) = sum min(k x / n, mu N share_i), and
     reversals follow Masing's rule.
 
     - Needs the signals `slider.speed` v [m/s] (default 0), `plate.speed` v_plate [m/s] (default 0), `plate.load` N [N]
-      (default: the field).
+      (default: the field `load`).
     - Gives the signals `plate.drag` F [N], the force on the slider, and `plate.stuck` [1], the fraction of the bristles
       below their bound.
     - State: `plate.stretch` z (n) [m], which begins at 0.
@@ -86,7 +88,7 @@ class BristleContact(Component):
 
     Range of validity:
 
-    - A varying load must stay above 0. If it falls by more than 1e4 of its value per second, the spring force of a
+    - A varying load must stay above 0. If its relative rate of fall -N' / N exceeds 1e4 1/s, the spring force of a
       bristle may stay above its bound (mode "beyond").
     - Static and kinetic friction have the same coefficient mu. With a lower kinetic coefficient, a bristle without
       inertia would jump.

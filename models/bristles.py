@@ -55,9 +55,10 @@ class Bristle(FrictionLaw):
 class Dahl(Bristle):
     """Dahl friction: a spring that yields, F = -N s z, z' = v - |v| s z / mu.
 
-    v is the slip speed, z the deflection of the spring and s its stiffness per unit of load. From rest the force
-    depends only on the distance d: |F| = mu N (1 - exp(-s d / mu)). The break-away force is not higher than the kinetic
-    friction mu N, so this friction law does not cause stick-slip.
+    v is the slip speed [m/s], z the deflection of the spring [m], and N the load of the contact [N]. s is the field
+    `stiffness` [1/m], per unit of load, and mu the field `kinetic` [1]. From rest the force depends only on the
+    distance d: |F| = mu N (1 - exp(-s d / mu)). The break-away force is not higher than the kinetic friction mu N, so
+    this friction law does not cause stick-slip.
 
     Range of validity: any speed.
 
@@ -89,7 +90,8 @@ class LuGre(Bristle):
 
         F = -N (s0 z + s1 z' + s2 v),   z' = v - s0 |v| z / g(|v|)
 
-    v is the slip speed and z the deflection of the bristle.
+    v is the slip speed [m/s], z the deflection of the bristle [m] and N the load of the contact [N]. s0, s1 and s2 are
+    the fields `stiffness` [1/m], `damping` [s/m] and `viscous` [s/m], per unit of load (1/rad and s/rad for rotation).
 
     - At steady sliding |F| = N (g(|v|) + s2 |v|).
     - |s0 z| never exceeds the static coefficient if its start value is below the static coefficient.
@@ -98,8 +100,7 @@ class LuGre(Bristle):
     - Under a slow pull the break-away force is close to the static bound. The faster the force rises, the lower is the
       break-away force.
 
-    s0, s1 and s2 are the fields `stiffness`, `damping` and `viscous`. The default values are examples of the size of
-    the block of Leine et al. (`BlockOnBelt`).
+    The default values are examples of the size of the block of Leine et al. (`BlockOnBelt`).
 
     Source: C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, IEEE Trans. Automatic Control 40 (1995) 419-425.
 
@@ -123,10 +124,11 @@ class LuGre(Bristle):
 class Dankowicz(Bristle):
     """Dankowicz friction, of asperities that bend by at most z_m: F = -N mu(|v|) z / z_m, z' = v - |v| z / z_m.
 
-    v is the slip speed, z the bending of the asperities, z_m the field `presliding_displacement` and mu the friction
-    law `steady`.
+    v is the slip speed [m/s], z the bending of the asperities [m], and N the load of the contact [N]. z_m is the field
+    `presliding_displacement` [m] and mu the friction law `steady`.
 
-    - The bending depends only on the distance d. From rest it is z = z_m (1 - exp(-d / z_m)).
+    - The bending depends only on the distance d [m] that the surfaces have slipped, not on the speed. From rest in one
+      direction it is z = z_m (1 - exp(-d / z_m)).
     - The force depends on the bending and on the present speed. After sliding by a few z_m in one direction, |F| = N
       mu(|v|).
     - The model stores no energy. When the motion reverses, z and v have opposite signs for a short distance, and the

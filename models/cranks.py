@@ -40,6 +40,8 @@ class CrankSlider(Component):
 
         (J + m p^2) w' + m p p' w^2 = T - d w + p F,   p = dx/da
 
+    Symbols and their fields: J `inertia` [kg m2], m `mass` [kg], r `crank` [m], l `rod` [m], d `damping` [N m s/rad].
+
     a is the angle of the crank and w its speed, x the position of the slider and F the friction at the guide. The input
     is the torque T, `crank.torque` [N m].
 
@@ -84,6 +86,8 @@ class ScotchYoke(Component):
     """Crank pin that moves a slotted yoke to and fro, with dry friction at the guide of the yoke: x = r sin a.
 
         (J + m p^2) w' + m p p' w^2 = T - d w + p F,   p = dx/da
+
+    Symbols and their fields: J `inertia` [kg m2], m `mass` [kg], r `crank` [m], d `damping` [N m s/rad].
 
     a is the angle of the crank and w its speed, x the position of the yoke and F the friction at the guide. The input
     is the torque T, `crank.torque` [N m].

@@ -14,6 +14,8 @@ class FrictionDamper(Component):
 
         m_d w' = k_d (x - y) + c_d (v - w) + F,   F dry friction with slip speed w
 
+    Symbols and their fields: m_d `slider_mass` [kg], k_d `stiffness` [N/m], c_d `damping` [N s/m].
+
     x and v are position and speed of the block, y and w of the slider. The slider sticks, and the damper acts as a
     spring, while |k_d (x - y)| is below the static friction force F_c. If the force exceeds F_c, the slider slides.
 
@@ -21,7 +23,7 @@ class FrictionDamper(Component):
     amplitude X > F_c / k_d. The maximum of W is k_d X^2, for F_c = k_d X / 2. The damper dissipates nothing if it has
     no normal load or if it never slides.
 
-    - Needs the signals `block.speed` v [m/s] and `damper.load` [N] (default: the field).
+    - Needs the signals `block.speed` v [m/s] and `damper.load` [N] (default: the field `load`).
     - Gives the signals `block.attachment` [N], `damper.stretch` x - y [m], `damper.speed` w [m/s].
     - Contact: `damper`.
 

@@ -18,6 +18,9 @@ class DiscBrake(Component):
 
         I w' = T_drive - r F ;   m v' = F + a - k x - c v ;   F dry friction with slip speed r w - v and load 2 N
 
+    Symbols and their fields: I `inertia` [kg m2], r `radius` [m], m `pad_mass` [kg], k `stiffness` [N/m], c `damping`
+    [N s/m].
+
     w is the speed of the disc. x and v are position and speed of pads and caliper in tangential direction at the
     effective radius r. N = `brake.force` + `brake.disturbance` is the normal force of one pad. The commanded force must
     stay >= 0, because pads only push.
@@ -25,17 +28,18 @@ class DiscBrake(Component):
     Optional features (default None: off):
 
     - `lag`: a first-order lag between the command and N. `BrakeActuator` is an actuator with limits.
-    - `wheel_radius` R: the speed of the car, R w, replaces the speed of the disc as a state. A stop then begins with
-      `start={"disc.car_speed": "30 km/h"}`.
+    - `wheel_radius` R [m]: the speed of the car, R w, replaces the speed of the disc as a state. A stop then begins
+      with `start={"disc.car_speed": "30 km/h"}`.
     - `second_pad_friction`: a separate friction law for the second pad, so that each pad carries the load N. Both pads are
       on one caliper.
-    - `heat_capacity` C: the temperature h of the disc above the surroundings, C h' = F (r w - v) - cooling h. All
-      friction is multiplied by max(1 - fade h, 0).
+    - `heat_capacity` C [J/K]: the temperature h [K] of the disc above the surroundings, C h' = F (r w - v) - cooling h,
+      with the field `cooling` [W/K]. All friction is multiplied by max(1 - fade h, 0), with the field `fade` [1/K].
 
     Needs the signals
 
     - `brake.force` [N] (default: the field `force`);
-    - `brake.disturbance` [N] (default 0; use the input `sine` for a harmonic disturbance);
+    - `brake.disturbance` [N] (default 0). For a harmonic disturbance give this input the value `toolbox.sine(mean,
+      amplitude, frequency)`;
     - `disc.torque` T_drive [N m] (default 0);
     - `pad.attachment` a [N] (default 0), the force of a part that is attached to the pads, such as an absorber or a
       shaker.

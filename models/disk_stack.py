@@ -27,6 +27,11 @@ class DiskStack(Component):
         axial    m_j z_j'' = N_(j-1) - N_j - c_z z_j' ,  N_i = max(0, F_0 + k_c (z_i - z_(i+1)))
                  N_(-1) = F_a (actuator),  N_2n = F_0 + k_b z_2n (back plate)
 
+    Symbols and their fields: J_r `rotor_inertia`, J_s `stator_inertia` and I `wheel_inertia` [kg m2], k_r
+    `rotor_stiffness` and k_s `stator_stiffness` [N m/rad], c_r `rotor_damping` and c_s `stator_damping` [N m s/rad],
+    m_j `rotor_mass` or `stator_mass` [kg], k_c `contact_stiffness` and k_b `back_stiffness` [N/m], c_z `axial_damping`
+    [N s/m], R `radius` [m], n `rotors`, mu friction law `friction`.
+
     - The position z_j is counted from the position at rest under F_0, the field `actuator_force`. A start from zero is
       therefore a closed stack.
     - Faces may separate and touch again. The contacts have no damping, so their force has a kink at this point but no
@@ -35,7 +40,7 @@ class DiskStack(Component):
 
     Signals:
 
-    - Needs `stack.torque` T [N m] (default 0) and `stack.actuator_force` F_a [N] (default: the field).
+    - Needs `stack.torque` T [N m] (default 0) and `stack.actuator_force` F_a [N] (default: the field `actuator_force`).
     - Gives `stack.brake_torque` [N m], the torque of all rotors against the wheel, and `stack.load` (2n) [N].
     - States: `stack.twist` (2n+1) [rad], `stack.speed` (2n+1) [rad/s], `stack.wheel_speed` [rad/s], `stack.position`
       (2n+1) [m], `stack.axial_speed` (2n+1) [m/s].

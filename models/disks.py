@@ -86,7 +86,12 @@ class TwoDisks(Component):
 
         I1 w1' = T + F ;   I2 w2' = -F - k th2 - c w2 ;   th2' = w2 ;   F friction torque N R mu with slip speed w = w1 - w2
 
-    - Needs the signals `disks.torque` T [N m] (default 0) and `disks.normal_force` N [N] (default: the field).
+    Symbols and their fields: I1 `rotor_inertia` and I2 `stator_inertia` [kg m2], k `stiffness` [N m/rad], c `damping`
+    [N m s/rad], R `radius` [m], mu friction law `friction`. w1 and w2 are the speeds of rotor and stator [rad/s], th2
+    is the angle of the stator [rad].
+
+    - Needs the signals `disks.torque` T [N m] (default 0) and `disks.normal_force` N [N] (default: the field
+      `normal_force`).
     - Contact: `disks`.
 
     This model is a reconstruction, because only the abstract of J. A. Larsson and K. Farhang (2016) is public. The
@@ -144,7 +149,13 @@ class PressedDisks(Component):
         m1 z1'' = F_a - N ;   m2 z2'' = N - k_a z2 - c_a z2' ;   d = z1 - z2 - gap
         N = max(0, k_c d + c_c d') while the faces touch (d > 0), else 0
 
-    - Needs the signals `disks.torque` T [N m] (default 0) and `disks.actuator_force` F_a [N] (default: the field).
+    Symbols and their fields: I1 `rotor_inertia` and I2 `stator_inertia` [kg m2], k `stiffness` [N m/rad], c `damping`
+    [N m s/rad], R `radius` [m], m1 `rotor_mass` and m2 `stator_mass` [kg], k_a `axial_stiffness` and k_c
+    `contact_stiffness` [N/m], c_a `axial_damping` and c_c `contact_damping` [N s/m], `gap` [m], mu friction law
+    `friction`.
+
+    - Needs the signals `disks.torque` T [N m] (default 0) and `disks.actuator_force` F_a [N] (default: the field
+      `actuator_force`).
     - Gives the signal `disks.normal_force` N [N].
     - Contacts: `disks` (stick and slip) and `disks.faces` (open and closed).
 

@@ -47,11 +47,12 @@ class DragBit(Component):
 
         T = eps a^2 d/2 + mu gamma (a/2) W_f,   W = zeta eps a d + W_f,   d = n q(1) on bottom, 0 off bottom
 
-    T is the torque, W the weight on bit and d the depth of cut per revolution. a is the radius of the bit, eps the
-    specific energy of the rock, mu the friction coefficient of the wear flats, gamma the geometry number of the bit,
-    zeta the ratio of axial to tangential cutting force, l the length of the wear flats and sigma the contact stress
-    under them. q is the height of the rock above the blade tip between two blades: q(s) = height at the fraction s of
-    the blade angle, so q(1) is the height at the face of the next blade.
+    T is the torque, W the weight on bit and d the depth of cut per revolution. Symbols and their fields: a `radius` [m]
+    of the bit, eps `specific_energy` [Pa] of the rock, mu `friction` [1] at the wear flats, gamma `bit_geometry_number`
+    [1], zeta `cutter_inclination` [1], the ratio of axial to tangential cutting force, l `flat_length` [m] of the wear
+    flats, sigma `flat_stress` [Pa] under the wear flats, n `blades`. q is the height of the rock above the blade tip
+    between two blades: q(s) = height at the fraction s of the blade angle, so q(1) is the height at the face of the
+    next blade.
 
     Contacts:
 

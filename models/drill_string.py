@@ -19,6 +19,10 @@ class TorsionalChain(Component):
 
         J_i w_i' = tau_(i-1) - tau_i - c_i w_i + T_i,   tau_i = k_i twist_i + c_i,i+1 (w_i - w_(i+1)),   twist_i' = w_i - w_(i+1)
 
+    Symbols and their fields: J_i `inertia` [kg m2], k_i `stiffness` [N m/rad], c_i,i+1 `damping` [N m s/rad], c_i
+    `drag`, `top_drag` and `bit_drag` [N m s/rad]. T_i is the torque on inertia i from outside [N m]: `top.torque` on
+    the first, -`bit.torque` on the last inertia, and dry friction.
+
     The states are twists instead of angles: n inertias have 2n-1 states, `chain.twist` (n-1) [rad] and `chain.speed`
     (n) [rad/s].
 

@@ -15,6 +15,8 @@ from toolbox.modelling import OptionalQuantity
 class ElasticRock(Component):
     """Elastic rock that carries the bit while they touch: W = max(0, k d + c d') on bottom, 0 off bottom, d = z + a cos(j phi).
 
+    Symbols and their fields: k `stiffness` [N/m], c `damping` [N s/m], a `lobe_height` [m], j `lobes`.
+
     z is the depth of the bit below the mean surface of the rock, and phi is the angle of the bit. The mean surface is
     at rest, so the hook speed is relative to the mean rate of penetration. Roller-cone bits leave a surface with j
     lobes of height a. The lobes lift the bit once per lobe.

@@ -31,8 +31,9 @@ class FlowLine(Component):
     - Needs the signals `line.inlet_flow` Q_0 [m3/s] (default 0) and `line.outlet_pressure` p_(n+1) [Pa] (default 0).
     - Gives the signals `line.inlet_pressure` p_1 [Pa] and `line.outlet_flow` Q_n [m3/s].
 
-    R, K, L and C are the fields `resistance`, `loss`, `inertance` and `compliance`, with one entry per segment. The
-    loss of a nozzle at the end is part of the last K (`models.flow_line.nozzle_loss`).
+    R, K, L and C are the fields `resistance` [Pa s/m3], `loss` [Pa s2/m6], `inertance` [Pa s2/m3] and `compliance`
+    [m3/Pa], with one entry per segment. The loss of a nozzle at the end is part of the last K
+    (`models.flow_line.nozzle_loss`).
 
     `gel` adds the yield pressure F_i of a fluid that gels at rest: |F_i| <= load_i static at rest and load_i
     sliding(|Q_i|) in flow. The contact of segment i is `line.i` (i from 0). load_i is `gel_pressure` [Pa] of the
@@ -161,6 +162,8 @@ class FlowLine(Component):
 @dataclass(frozen=True)
 class OutletRCR(Component):
     """Three-element windkessel (resistor, capacitor, resistor) at the end of a line: p = R_p Q + p_d, C p_d' = Q - p_d / R_d.
+
+    Symbols and their fields: R_p `proximal` and R_d `distal` [Pa s/m3], C `compliance` [m3/Pa].
 
     After a step of the flow Q the pressure is p = Q [R_p + R_d (1 - exp(-t / (R_d C)))].
 

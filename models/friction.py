@@ -278,7 +278,8 @@ class Hyperbolic(_Static):
 class CubicStribeck(_Falling):
     """Cubic Stribeck friction with a minimum: mu(v) = static - 1.5 (static - minimum) [|v|/v_m - (|v|/v_m)^3 / 3].
 
-    The minimum is mu(v_m) = minimum. Above the speed v_m friction rises again.
+    v is the slip speed and v_m the field `minimum_speed` [m/s]. The minimum is mu(v_m) = minimum. Above the speed v_m
+    friction rises again.
 
     Source: J. J. Thomsen, A. Fidlin, Int. J. Non-Linear Mechanics 38 (2003) 389-403, doi:10.1016/S0020-7462(01)00073-7.
 

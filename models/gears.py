@@ -246,10 +246,11 @@ class GearNetwork(Component):
 
     Numbers:
 
-    - `inertia` of every node.
-    - `ratio` i0, `mesh_stiffness` k_m and `mesh_damping` c_m of every train. For lossy teeth also `efficiency` eta and
-      `idle_torque`. If both are None, the teeth have no loss and no contact.
-    - `stiffness` k and `damping` c of every shaft.
+    - `inertia` J_i [kg m2] of every node.
+    - `ratio` i0 [1], `mesh_stiffness` k_m [N m/rad] and `mesh_damping` c_m [N m s/rad] of every train. For lossy teeth
+      also `efficiency` eta [1] and `idle_torque` [N m], the friction of the train without load. If both are None, the
+      teeth have no loss and no contact.
+    - `stiffness` k [N m/rad] and `damping` c [N m s/rad] of every shaft.
 
     Signals:
 
@@ -336,7 +337,7 @@ class GearNetwork(Component):
         return {} if self.input_node is None else {"top.torque": f"{self.input_node}.torque", "top.speed": f"{self.input_node}.speed"}
 
     def steady(self, speeds: Mapping[str, float], torques: Mapping[str, float] | None = None) -> SteadyGears:
-        """Compute the steady state of the network with rigid shafts and teeth, without idle torques.
+        """Compute the steady state of the network with rigid shafts and teeth. The field `idle_torque` counts as 0.
 
         Parameters
         ----------

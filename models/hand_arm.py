@@ -32,6 +32,8 @@ class HandArm(Component):
 
         m_i v_i' = f_i - f_(i+1),   f_i = k_i e_i + c_i e_i',   e_i' = v_(i-1) - v_i
 
+    Symbols and their fields: m_i `mass` [kg], k_i `stiffness` [N/m], c_i `damping` [N s/m].
+
     v_0 is the speed of the handle, and v_(n+1) = 0 is the ground. n masses have n + 1 springs and dampers.
 
     `attached_to` names the part that the hand holds. With "handle" (no other part):

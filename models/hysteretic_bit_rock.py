@@ -58,14 +58,16 @@ class HystereticBitRock(Component):
         switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down,
                         any value between these two at w' = 0
 
-    beta0 and beta1 are the fields `hysteresis_fraction` and `hysteresis_steepness`. The rate form is used if beta1 is
+    Symbols and their fields: R_b `radius` [m] of the bit, beta0 `hysteresis_fraction` [1], beta1 `hysteresis_steepness`
+    [s2/rad], mu friction law `friction`. mu_s is the static coefficient of this law. The rate form is used if beta1 is
     given, otherwise the switched form. M is the torque of the string on the bit and J the inertia of the bit.
 
     - Needs the signals `bit.speed` w [rad/s], `bit.free_acceleration` M/J [rad/s2], `bit.inertia` J [kg m2] and
       `bit.weight` W [N] (default: the field `weight`).
     - Gives the signal `bit.torque` T [N m].
-    - Contact: `bit`. It sticks up to the torque at which the bit would speed up. This torque is W R_b mu_s in the rate
-      form, whose branches meet at w' = 0, and (1 + beta0) W R_b mu_s in the switched form.
+    - Contact: `bit`. The bit sticks while the torque M of the string is below the break-away torque. The break-away
+      torque is W R_b mu_s in the rate form, because its two branches meet at w' = 0. In the switched form it is (1 +
+      beta0) W R_b mu_s, the torque of the branch on which the bit speeds up.
 
     The law mu of Navarro-Lopez and Cortes (2007) is the basis of both forms. Unlike the smooth law of
     `SmoothHystereticBitRock`, this law sticks. The rate form follows the hysteretic law of F. F. Real et al. (2018).
@@ -127,9 +129,9 @@ class SmoothHystereticBitRock(SmoothBitRock):
         switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down,
                         any value between these two at w' = 0
 
-    beta0 and beta1 are the fields `hysteresis_fraction` and `hysteresis_steepness`. The rate form is used if beta1 is
-    given, otherwise the switched form. The signals are the same as for `HystereticBitRock`. There is no contact, so the
-    bit never sticks.
+    T0 is the torque of `SmoothBitRock`. beta0 and beta1 are the fields `hysteresis_fraction` [1] and
+    `hysteresis_steepness` [s2/rad]. The rate form is used if beta1 is given, otherwise the switched form. The signals
+    are the same as for `HystereticBitRock`. There is no contact, so the bit never sticks.
 
     beta0 and beta1 are assumed. Range of validity: as for `SmoothBitRock`, with beta0 <= 1.
 

@@ -32,9 +32,11 @@ class WhirlingCollar(Component):
         N unilateral contact force with closure r - gap;   F dry friction with load N and slip speed R_co phi' + r theta'
 
     (y, z) is the geometric centre, r and theta are its polar coordinates. (y, z) is zero at rest in the middle of the
-    borehole. N is the force of the wall, nonzero only for r >= gap. e is the eccentricity of the mass centre, m the
-    modal mass, k_l the lateral stiffness, R_co the outer radius, L the length between the stabilisers, E I_a the
-    bending stiffness of the pipe and c_h the drag of the mud. M is the resulting reaction torque on the string.
+    borehole. N is the force of the wall [N], nonzero only for r >= gap. gap is half of `hole_diameter` -
+    `outer_diameter` [m]. m is the modal mass [kg], k_l the lateral stiffness [N/m], E I_a the bending stiffness of the
+    pipe [N m2] and c_h the drag of the mud [N s2/m2], all from the fields. Symbols and their fields: e `eccentricity`
+    [m], R_co half of `outer_diameter` [m], L `span` [m], E `young` [Pa]. M is the resulting reaction torque on the
+    string.
 
     Connect the collar to a `TorsionalChain` with `collar_index=` set.
 

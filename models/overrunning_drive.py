@@ -19,6 +19,9 @@ class OverrunningDrive(Component):
 
         J1 w1' = T - d1 w1 - c,   J2 w2' = c - d2 w2 - T_load,   w1 <= w2,  c >= 0,  c (w1 - w2) = 0
 
+    Symbols and their fields: J1 `driving_inertia` and J2 `driven_inertia` [kg m2], d1 `driving_damping` and d2
+    `driven_damping` [N m s/rad]. w1 and w2 are the speeds of the driving and the driven shaft [rad/s].
+
     The clutch transmits the torque c while it is locked and overruns while the driven shaft is faster. The inputs are
     the torques T and T_load, `driver.torque` and `driven.load` [N m].
 

@@ -33,8 +33,8 @@ class RateAndState(FrictionLaw):
 
     The state of a contact `pad` is `pad.age` psi. It begins at 0, which is steady sliding at v_0.
 
-    mu_0, a, b, D_c and v_0 are the fields `base`, `direct`, `evolving`, `distance` and `speed`. `ageing` chooses
-    between the equations "ageing" (True, default) and "slip" (False).
+    Symbols and their fields: mu_0 `base` [1], a `direct` [1], b `evolving` [1], D_c `distance` [m], v_0 `speed` [m/s].
+    `ageing` chooses between the equations "ageing" (True, default) and "slip" (False).
 
     Range of validity: b psi > -mu_0. The default values are examples of the size measured on rock.
 

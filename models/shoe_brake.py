@@ -22,6 +22,10 @@ class ShoeBrake(Component):
         J w' = T + R (F_leading + F_trailing) + M_bearing,   |F| <= mu press gain
         gain = 1 / (1 - mu c) for the leading shoe, 1 / (1 + mu c) for the trailing shoe
 
+    Symbols and their fields: J `inertia` [kg m2], R `radius` [m], c `lever` [1], mu `static` at rest and `kinetic` in
+    slip [1], M_bearing friction law `bearing`. w is the speed of the drum [rad/s] and press the signal `drum.press`
+    [N].
+
     The inputs are the torque T, `drum.torque` [N m], and the actuator force on each shoe, `drum.press` [N]. Friction
     presses the leading shoe more strongly on the drum and the trailing shoe less strongly. c is the lever ratio. If the
     drum turns backwards, the shoes change their roles. A self-locking brake, mu c >= 1, raises an error.

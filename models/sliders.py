@@ -15,6 +15,8 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, qu
 class Slider(Component):
     """Rigid slider held by a spring and a damper: m v' = u - k x - c v + F.
 
+    Symbols and their fields: m `mass` [kg], k `stiffness` [N/m], c `damping` [N s/m].
+
     F is the drag of the plate under the slider.
 
     - Needs the signals `slider.pull` u [N] (default 0) and `plate.drag` F [N] (default 0), which `PlateContact` or
@@ -52,7 +54,8 @@ class Slider(Component):
 class PlateContact(Component):
     """Dry friction between a slider and a moving plate, as one contact that sticks and slips as a whole.
 
-    - Needs the signals `slider.speed` [m/s], `plate.speed` [m/s] (default 0) and `plate.load` [N] (default: the field).
+    - Needs the signals `slider.speed` [m/s], `plate.speed` [m/s] (default 0) and `plate.load` [N] (default: the field
+      `load`).
     - Gives the signal `plate.drag` [N], the force on the slider.
     - Contact: `plate`.
 
@@ -89,9 +92,12 @@ class InclinedSlider(Component):
 
         m y'' + c y' + k y = F sin a - friction,   |friction| <= mu F cos a,   m = F cos a / g
 
+    Symbols and their fields: F `force` [N], a `angle` [rad], c `damping` [N s/m], k `stiffness` [N/m], g `gravity`
+    [m/s2], mu coefficient of the friction law `friction` [1].
+
     The slider moves from rest if and only if tan a > mu. It then creeps to k y = F (sin a - mu cos a).
 
-    - Needs the signal `slider.force` F [N] (default: the field).
+    - Needs the signal `slider.force` F [N] (default: the field `force`).
     - Gives the signals `slider.position` y [m] and `slider.speed` [m/s], positive down the slope.
     - Contact: `slope`.
 

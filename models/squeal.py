@@ -22,6 +22,10 @@ class SquealingPad(Component):
         m x'' + c x' + k_xx x + k_xy y = F ;   m y'' + c y' + k_xy x + k_yy y = 0 ;   F dry friction with slip speed x' - v_disc, load P + k_c y
         k_xx = sum k_i cos^2 a_i,   k_xy = sum k_i sin a_i cos a_i,   k_yy = k_c + sum k_i sin^2 a_i
 
+    Symbols and their fields: m `mass` [kg], c `damping` [N s/m], k_i `stiffness` [N/m] and a_i `angle` [rad] of spring
+    i, k_c `contact_stiffness` [N/m], P `preload` [N], v_disc `disc_speed` [m/s], mu coefficient of the friction law
+    `friction` [1].
+
     x is the displacement along the disc and y into the disc. Both are counted from the pressed state at rest without
     friction.
 

@@ -22,6 +22,10 @@ class TopDrive(Component):
         with inertia:   J_m w_m' = T_m - (T_top / n) eta^-s,  twist' = w_m / n - w_top,  T_top = k twist + c twist'
         encoder:        w' = (w_m / n - w) / t_encoder                      without lag w = w_m / n; rigid: w_m = n w_top
 
+    Symbols and their fields: n `ratio` [1], T_max `torque_limit` [N m], t_drive `drive_lag` [s], R `rate_limit` [N
+    m/s], eta `efficiency` [1], J_m `motor_inertia` [kg m2], k `stiffness` [N m/rad], c `damping` [N m s/rad], t_encoder
+    `encoder_lag` [s].
+
     In a plant, the top drive is connected between the controllers and the string. The controllers need no change:
 
     - A controller that gives `top.torque` gives `drive.command` instead. The command is the torque that the controller

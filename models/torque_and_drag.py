@@ -120,8 +120,7 @@ class TorqueDrag(Result):
         return heads, [[*map(float, row[:-1]), int(row[-1])] for row in rows]
 
     def plot(self, label: str = "", axes: Any = None) -> Any:
-        """Draw tension and torque over depth, and shade the part of the string that is at rest. A quantity that the
-        motion does not change is left out.
+        """Draw tension and torque over depth, and shade the part of the string that is at rest.
 
         Parameters
         ----------
@@ -133,7 +132,8 @@ class TorqueDrag(Result):
         Returns
         -------
         numpy.ndarray
-            The two axes.
+            The two axes: tension and torque. An axis has no curve of this motion if the tension is the same as without
+            friction, or if the torque is 0 everywhere.
         """
         from toolbox.authoring import line_styles, name_axis, panels, paper
 

@@ -14,9 +14,13 @@ class TorsionalPendulum(Component):
 
         J w' = k twist + c (W - w) - c_b w - T,   twist' = W - w
 
-    W is the speed of the table, w the speed of the bit, and T the torque on the bit. The model has two states.
+    Symbols and their fields: J `inertia` [kg m2], k `stiffness` [N m/rad], c `damping` [N m s/rad], c_b `bit_drag` [N m
+    s/rad].
 
-    - Needs the signals `top.speed` W [rad/s] (default: the field) and `bit.torque` T [N m] (default 0).
+    W is the speed of the table, w the speed of the bit, and T the torque on the bit. twist [rad] is the angle by which
+    the table is ahead of the bit. The model has two states.
+
+    - Needs the signals `top.speed` W [rad/s] (default: the field `top_speed`) and `bit.torque` T [N m] (default 0).
     - Gives the signals `bit.speed` w [rad/s], `top.load` [N m], the torque of the string on the table,
       `bit.free_acceleration` [rad/s2], the acceleration of the bit without the rock, and `bit.inertia` [kg m2].
 

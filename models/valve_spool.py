@@ -20,6 +20,9 @@ class ValveSpool(Component):
 
         m v' = P - k x - d v + F_seal - N_upper + N_lower,   -stroke <= x <= stroke
 
+    Symbols and their fields: m `mass` [kg], k `stiffness` [N/m], d `damping` [N s/m], `stroke` [m], F_seal
+    friction law `friction`. x and v are position [m] and speed [m/s] of the spool.
+
     The input is the force P, `spool.force` [N]. N_upper and N_lower are the contact forces of the stops.
 
     The default values are examples without a source.

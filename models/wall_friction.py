@@ -25,8 +25,10 @@ class WallContact(Component):
         stick:  v = 0, R w = 0,  sqrt(F^2 + (T / R)^2) <= mu_s N
         slip:   F = mu N v / s,  T = mu N R (R w) / s,  s = sqrt(v^2 + (R w)^2)      both against the motion
 
-    N is the side force, R the radius that touches the wall, v the axial speed and w the speed of rotation. Rotation
-    reduces the axial drag: a string that friction holds in axial direction begins to slide when it is rotated.
+    N is the side force, the field `load` [N], and R the radius that touches the wall, the field `radius` [m]. mu and
+    mu_s are the kinetic and the static coefficient of the law `friction` [1]. v is the axial speed [m/s] and w the
+    speed of rotation [rad/s]. Rotation reduces the axial drag: a string that friction holds in axial direction begins
+    to slide when it is rotated.
 
     The part replaces the rock. It acts on the last mass of an `AxialChain` and on the last inertia of a
     `TorsionalChain`, and every switch is located as an event. For friction at every mass, computed in time steps, use

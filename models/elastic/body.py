@@ -175,9 +175,16 @@ class ElasticBody(Renamed):
         return self._weighted(np.array([node]), np.ones(1), axis)
 
     def mean(self, face: str, axis: str) -> np.ndarray:
-        """Return the port that is the area-weighted mean displacement of a face along an axis, as weights w of shape (n,).
+        """Return the weights w, shape (n,), of the port w^T u: the mean displacement of a face along an axis, weighted by area.
 
-        A force on this port is a uniform traction.
+        A force on this port is a uniform traction on the face.
+
+        Parameters
+        ----------
+        face
+            Name of the face, a key of `faces`.
+        axis
+            Axis of the displacement: "x", "y" or "z".
         """
         chosen = self.face_nodes(face)
         return self._weighted(chosen, self.faces[face][chosen], axis)
@@ -191,9 +198,17 @@ class ElasticBody(Renamed):
         return [self._weighted(row, self.faces[face][row], axis) for row in self._rows(face, along)]
 
     def node_row_areas(self, face: str, along: str) -> np.ndarray:
-        """Return the areas [m2] of the rows of nodes of a face, shape (rows,), in the order of `node_row_ports`.
+        """Return the area [m2] of each row of nodes of a face, shape (rows,), in the order of `node_row_ports`.
 
-        An area times a pressure is the normal load of the row on a smooth plate under uniform pressure.
+        A row consists of the nodes of the face with the same coordinate along an axis. The area of a row times a pressure is
+        the normal load of the row on a smooth plate under uniform pressure.
+
+        Parameters
+        ----------
+        face
+            Name of the face, a key of `faces`.
+        along
+            Axis along which the rows follow each other: "x", "y" or "z".
         """
         return np.array([self.faces[face][row].sum() for row in self._rows(face, along)])
 

@@ -23,14 +23,16 @@ class ElasticPad(Component):
         F_i dry friction with slip speed x_i' - v_disc and load N_i
 
     Contact i consists of two ports of the reduced body: `along.i`, with the displacement x_i along the disc, and
-    `into.i`, with the displacement y_i into the disc. A spring k_c represents lining and disc. q is counted from the
-    unloaded pad. a_i is the distance by which the disc is pushed into contact i (preload).
+    `into.i`, with the displacement y_i into the disc. A spring k_c, the field `contact_stiffness` [N/m], represents
+    lining and disc. c_c is the field `contact_damping` [N s/m]. q is counted from the unloaded pad. a_i is the field
+    `initial_approach` [m], the distance by which the disc is pushed into contact i (preload).
 
     With one rigid mass on two springs the model equals `SquealingPad` with the preload k_c a. In contrast to
     `SquealingPad` the contact may open.
 
-    - Needs the signals `disc.speed` v_disc [m/s] (default: the field) and `pad.push` [N] (default 0), a force on the
-      port `force_ports`. It pushes the pad into the disc if the positive direction of that port points into the disc.
+    - Needs the signals `disc.speed` v_disc [m/s] (default: the field `disc_speed`) and `pad.push` [N] (default 0), a
+      force on the port `force_ports`. It pushes the pad into the disc if the positive direction of that port points
+      into the disc.
     - Gives the signals `pad.normal_force` and `pad.friction_force` [N] of all contacts.
     - States: `pad.displacement` q and `pad.rate` q', only with the modes that at least one port excites.
     - Elements: `touch.i` with the modes "open" and "closed", and `pad.i` with the modes "stick" and "slip+/-".

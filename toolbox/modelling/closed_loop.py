@@ -151,7 +151,12 @@ class ClosedLoop(Printed):
 
     @property
     def input_kinds(self) -> tuple[tuple[str, Any], ...]:
-        """Kind of each input: number, table, shape or expression. If the kind of an input changes, the loop is compiled again."""
+        """Kinds of the inputs, as pairs (name of the input, kind), in the order of the names.
+
+        A kind is "number", "table" for a table (times, values), (name, number of coefficients) for a `Shape` such as
+        `toolbox.sine(...)`, or a key of the expression for an expression of time. If the kind of an input changes, the loop
+        is compiled again. A new value of the same kind needs no compilation.
+        """
         return self._given[0]
 
     @property

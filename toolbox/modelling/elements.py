@@ -272,16 +272,16 @@ class FrictionLaw(Renamed, Declared):
         return {}
 
     def evolution(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[ca.SX, Mapping[str, Any]]:
-        """Return the friction against the slip, per unit of load, and the rates of the internal states as {name: rate}. For a law with memory.
+        """Return (friction against the slip per unit of load, {internal state: its rate}). Only for a law with memory.
 
         Parameters
         ----------
         slip
-            Column of slips, one for each direction.
+            Slip velocity [m/s or rad/s], a column with one entry for each direction.
         speed
-            Magnitude |slip|.
+            Slip speed, the magnitude |slip| of the slip velocity.
         load
-            Normal load of the contact.
+            Normal load of the contact [N].
         memory
             {internal state: its value}.
         """
@@ -315,7 +315,9 @@ class FrictionLaw(Renamed, Declared):
         return ()
 
     def reverse(self) -> FrictionLaw:
-        """Return the friction law that holds for negative slip speeds. By default this law itself."""
+        """Return the friction law that holds for negative slip speeds. Without an override, the method returns this law: friction
+        is then the same in both directions.
+        """
         return self
 
     def breakaway(self) -> ca.SX:

@@ -193,7 +193,12 @@ class HybridSystem(Renamed):
 
     @property
     def rhs(self) -> ca.Function:
-        """Casadi Function (t, x, u, p, m) -> dx/dt. m holds the mode of each element: 0, 1 or -1."""
+        """Casadi Function (t, x, u, p, m) -> dx/dt of the plant.
+
+        t is the time [s], x the states, u the inputs, p the parameters and m the mode of each element. All are columns, in
+        SI, in the order of `states`, `inputs`, `parameters` and `elements`. Modes of a contact: 0 stick, 1 slip in positive
+        and -1 slip in negative direction. `element_modes` gives the names of the modes of any element.
+        """
         return self.function("rhs", self.switched_equations.field, "dx")
 
     @property
@@ -217,7 +222,10 @@ class HybridSystem(Renamed):
         return self.once("input_defaults", made)
 
     def function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
-        """Return the casadi Function (t, x, u, p, m) -> expression. For plants of one structure it is made once per name.
+        """Return the casadi Function (t, x, u, p, m) -> expression.
+
+        The arguments are time, states, inputs, parameters and modes, as for `rhs`. The Function is kept under its name: a
+        second call with the same name, on this plant or on a plant of the same structure, returns the first Function.
 
         Parameters
         ----------
@@ -302,10 +310,18 @@ class HybridSystem(Renamed):
         return found
 
     def element_modes(self, name: str) -> tuple[int, Mapping[int, str]]:
-        """Return the index of the element whose mode an element has, and {mode: name of the mode}.
+        """Return (index, names) for the mode of an element.
 
-        This is the index of the element itself, with one exception. If two frictions act on the same slip, they share
-        one mode, and the index of the second friction is the index of the first friction.
+        `index` is the position of its mode in the column of modes. It is the position of the element in `elements`, with one
+        exception: if two frictions act on the same slip, they share one mode, and `index` is the position of the first
+        friction for both of them.
+
+        `names` is {number of the mode: its name}, such as {0: "stick", 1: "slip+", -1: "slip-"}.
+
+        Parameters
+        ----------
+        name
+            Name of the element. Raises SceneError if the plant has no element of this name.
         """
         element = self.element(name)
         names = [each.name for each in self.elements]

@@ -71,7 +71,11 @@ class Controller(Component):
     """The only sample time [s] at which the law may run; None for any."""
 
     def design(self, plant: HybridSystem) -> Any:
-        """Return the controller whose missing numbers are computed from the plant. By default return the controller itself.
+        """Return the controller that acts in the loop, designed on the plant.
+
+        A subclass overrides this method if some of its numbers, such as gains, follow from the plant: the method then
+        returns a copy of the controller in which these numbers have values. Without an override, the method returns this
+        controller unchanged.
 
         Parameters
         ----------
@@ -346,7 +350,8 @@ class Sampled(Renamed):
         """Raise SceneError if a number is out of range.
 
         Conditions: period > 0, delay >= 0, 0 <= jitter < period, 0 <= missed_samples < 1, noise >= 0, resolution > 0,
-        and seed an integer >= 0. `measured_signals` and `actuated_signals` may be given only for a callable.
+        and seed an integer >= 0. `measured_signals` and `actuated_signals` may be given only if `law` is a callable (t,
+        y) -> u, because a `Controller` declares its own signals.
         """
         for word in SIGNALS:
             told = getattr(self, word)
@@ -370,9 +375,14 @@ class Sampled(Renamed):
                 refuse(f"Argument `{word}` of `{name}`", value, "1", bounds)
 
     def sensors(self, measured: Sequence[str]) -> Sensors:
-        """Return noise and resolution of the sensors of a controller, in the order of its measured signals.
+        """Return the sensors of a controller, a `Sensors` with names and values of `noise` and `resolution`.
 
         Raises SceneError if `noise` or `resolution` names a signal that is not measured.
+
+        Parameters
+        ----------
+        measured
+            Names of the signals that the controller measures.
         """
         for word, given in (("noise", self.noise), ("resolution", self.resolution)):
             for name in given:
@@ -560,8 +570,9 @@ class Takeover(Controller):
     constant. This memory is recorded as `before.<name>`. Signals that only one of the two controllers gives are
     recorded during the whole run. A takeover has no continuous form.
 
-    If one of the two controllers is designed as a Python callable, such as a predictive controller, the takeover
-    becomes a callable, too, and `run.controllers[0].inside` holds this controller.
+    The design of some controllers, such as the predictive controllers, is a Python callable. If `before` or `after` is
+    such a controller, the takeover becomes a callable, too. The list `run.controllers[0].inside` then holds the
+    designed callable of `before`, of `after`, or of both.
 
     Parameters
     ----------

@@ -74,13 +74,28 @@ class Observer(Controller):
     estimates: ClassVar[tuple[str, ...]] = ()
 
     def create_estimator(self, plant: HybridSystem) -> Estimator | None:
-        """Return the estimator, a Python object, of an observer that cannot be written as a casadi expression, such as
-        an optimising observer. By default return None.
+        """Return the estimator, a Python object, of an observer that cannot be written as a casadi expression, such as an
+        optimising observer. Without an override, the method returns None, and `sampled` or `continuous` is used.
         """
         return None
 
     def design(self, plant: HybridSystem) -> Observer:
-        """Return the observer whose missing numbers are computed from the plant. By default return the observer itself."""
+        """Return the observer that acts in the loop, designed on the plant.
+
+        A subclass overrides this method if some of its numbers, such as gains, follow from the plant: the method then
+        returns a copy of the observer in which these numbers have values. Without an override, the method returns this
+        observer unchanged.
+
+        Parameters
+        ----------
+        plant
+            The plant, with its declared values.
+
+        Returns
+        -------
+        Observer
+            The observer that is used in the loop.
+        """
         return self
 
 

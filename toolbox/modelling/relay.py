@@ -10,14 +10,18 @@ from toolbox.modelling.elements import Element
 class Relay(Element):
     """Ideal switch u = -bound sgn(surface), with true sliding on surface = 0.
 
-    While surface = 0 is held (sliding), the mode is "stick", and the force is the equivalent control, inside [-bound,
-    bound].
+    `surface` is an expression of the states. The output u is the force of the element (`force`), which the equations of
+    the part use. While surface = 0 is held (sliding), the mode is "stick", and u is the equivalent control: the value
+    between -bound and bound that keeps the surface at 0.
 
-    The surface must have relative degree one with a positive gain: d(surface)/dx d(flow)/d(force) > 0. Otherwise
-    `compose` raises SceneError.
+    The force must act directly on the rate of the surface, and a positive force must raise it (relative degree one,
+    positive gain): (d surface / dx) (dx' / du) > 0, with the states x and their rates x'. Otherwise `compose` raises
+    SceneError.
 
     With `higher_degree=True` the force may act on the surface through lags. The relay then switches each time the
     surface passes through zero, and never slides.
+
+    The controller of the example, `IdealSlidingMode`, contains a relay, the element `slidingmode`.
 
     Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992.
 

@@ -168,12 +168,12 @@ def margins(
     loop
         A loop with at least one controller and constant inputs.
     guess
-        {state: value} near smooth running. Needed for controllers that give no other information about the steady
-        state.
+        {state: value} near smooth running, from which the search for the steady state starts. Needed only if the steady
+        state is not found from the set-points of the controllers, which the error then tells.
     by_simulation
-        Whether the gain, delay and inertia at which the machine fails are also found by simulation (a few seconds). By
-        default only if there is no linear loop: for relays, ideal sliding modes, an active limit, and controllers in
-        Python.
+        Whether to find by simulation, too, the gain, the delay and the inertia from which on smooth running is lost (a
+        few seconds). By default only if there is no linear loop: for relays, ideal sliding modes, an active limit, and
+        controllers in Python.
     inertia_parameter
         Name of the inertia that is varied in these simulations, such as "chain.inertia.0".
     simulation_duration

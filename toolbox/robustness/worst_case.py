@@ -80,8 +80,8 @@ def worst_case(
     - smooth running is stable on the machine of this run: a small disturbance must not grow, however slowly. A run that
       still oscillates at its end is continued until its regime can be decided.
 
-    Inputs that vary in time count with their last value. If an input never becomes constant, only the time from `after`
-    on decides.
+    If an input varies in time, the stability of smooth running is checked with the last value of this input. If an
+    input never becomes constant, the stability is not checked: the run from `after` on decides alone.
 
     Parameters
     ----------
@@ -91,11 +91,12 @@ def worst_case(
     duration
         Length of a run [s].
     uncertainty
-        {number of the loop: factor, or several factors}. Each factor is tried alone. "20 %" means 0.8 and 1.2, "+20 %"
-        means 1.2 alone. "delay" is the delay of the sampled controllers.
+        {name: factor, or several factors}. A name is the name of a parameter of the plant, of an input or of a number
+        of a controller, such as "bit.weight". The factor multiplies its value. Each factor is tried alone. "20 %" means
+        0.8 and 1.2, "+20 %" means 1.2 alone. "delay" is the delay of the sampled controllers.
     corners
-        Mappings {number of the loop: factor}. Each mapping is tried with all its errors at once. A percentage needs its
-        sign here: "+20 %".
+        Mappings {name: factor}, with names as in `uncertainty`. Each mapping is tried with all its errors at once. A
+        percentage needs its sign here: "+20 %".
     starts
         Starts of the runs:
 

@@ -135,7 +135,8 @@ class Scene(Labelled):
         title
             Title of the scene. By default the classes of its parts.
         others
-            Further fields: accuracy, standstill_speed, start, inputs, parameters, measured.
+            Further fields of `Scene` as keyword arguments: `accuracy`, `standstill_speed`, `start`, `inputs`,
+            `parameters` and `measured`. Example: `inputs={"bit.weight": 80e3}`.
 
         Returns
         -------
@@ -145,7 +146,7 @@ class Scene(Labelled):
         Raises
         ------
         SceneError
-            As `check` does.
+            If an argument is wrong or does not fit to the plant (see `check`).
         """
         checked_plant(plant)
         duration = number("duration", duration, "s", above=0)
@@ -268,7 +269,11 @@ class Scene(Labelled):
 
     @property
     def display_units(self) -> dict[str, str]:
-        """Units of a study of the scene, as {SI unit: unit that was typed}."""
+        """Units for display, as {SI unit: unit}, such as {"rad/s": "rpm"}.
+
+        If a number of the scene was given as text with a unit, such as reference="60 rpm", results in the same SI unit are
+        shown in the unit of this text.
+        """
         laws = tuple(case.law for case in self.cases)
         inputs = (self.inputs, *(case.inputs for case in self.cases))
         return asked_units(self.reference, self.standstill_speed, inputs, self.parameters, fields=(laws, self.parts))

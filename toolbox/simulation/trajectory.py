@@ -189,7 +189,9 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return data
 
     def end_before(self, event: int) -> None:
-        """Remove the event with a given index and all later events, for a run that ends at a limit of its budget.
+        """Remove the event with a given index and all later events, and end the recorded run at the time of this event.
+
+        A simulation uses this method if the run has had more events than its `budget` allows.
 
         Parameters
         ----------

@@ -272,3 +272,27 @@ def test_pictures_show_the_speed_once_scaled_and_each_run_from_its_begin():
     axes = found.plot_residuals()
     assert [each.get_ylabel() for each in axes[0]] == ["joint speed, run 1 [rpm]", "joint speed, run 2 [rpm]"]
     assert all(each.get_xlim()[0] == 0.0 for each in axes[0])
+
+
+def test_each_panel_of_residuals_lasts_as_long_as_its_recording():
+    short = {"time": TIME[:200], "joint.speed": coast()[:200]}
+    found = identify([log(SINE, joint=Joint(inertia=0.02, friction=TRUE.friction)), short, log(STEPS, seed=1)], "Joint")
+    axes = found.plot_residuals()
+    ends = np.array([[ax.get_xlim() for ax in row] for row in axes])
+    assert ends == pytest.approx(np.broadcast_to([[0.0, 4.0 - 0.005], [0.0, 0.995], [0.0, 4.0 - 0.005]], (2, 3, 2)))
+
+
+def test_a_start_without_influence_is_told_with_its_recording(tmp_path):
+    run = simulate(compose(TRUE), TIME[-1], inputs={"joint.torque": (TIME, STEPS)}, output_times=TIME)
+    angle = run["joint.angle"] + 1e-3 * np.random.default_rng(3).standard_normal(TIME.size)
+    for name, data in (
+        ("steps", {"time": TIME, "joint.angle": angle, "joint.torque": STEPS}),
+        ("coast", {"time": TIME, "joint.speed": coast()}),
+    ):
+        np.savetxt(tmp_path / f"{name}.csv", np.stack(list(data.values()), axis=1), delimiter=",", header=",".join(data), comments="")
+    found = identify([tmp_path / "steps.csv", tmp_path / "coast.csv"], Joint(), columns={
+        "time": "time [s]", "joint.angle": "joint.angle [rad]", "joint.speed": "joint.speed [rad/s]", "joint.torque": "joint.torque [N m]"})  # fmt: skip
+    assert found.runs == ("steps.csv", "coast.csv") and "joint.angle" in found.unidentifiable
+    assert "`joint.angle` has no influence in coast.csv, and so no estimate." in str(found)
+    found.save(tmp_path / "found.npz")
+    assert str(Identification.load(tmp_path / "found.npz")) == str(found)

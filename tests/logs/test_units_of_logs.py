@@ -102,6 +102,19 @@ def test_a_ton_is_asked_back_and_the_unit_that_is_given_answers(tmp_path, unit, 
     assert found.signals["bit.weight"][0] == pytest.approx(27 * size, rel=1e-9)
 
 
+def test_a_unit_of_another_quantity_is_refused_with_the_conversion_and_an_unknown_one_is_asked_back(tmp_path):
+    refused = {
+        "s,rpm,mA,m,N": r"N m, but it has `mA`, a unit of current\. A current is no torque: multiply it by the torque constant .N m/A. first",
+        "s,rpm,N.m,m,A": r"N, but it has `A`, a unit of current\. A current is no force: multiply it by the force constant .N/A. first",
+        "s,rpm,kPa,m,N": r"`kPa`, a unit of pressure\. It cannot be converted to N m without another number: choose",
+        "s,Hz,N.m,m,N": r"`Hz`, a unit of frequency\..*multiply it by 60.*in rpm\. Only if the heading is wrong.*`SURF_RPM .rev/s.`",
+        "s,wibble,N.m,m,N": r"unknown unit `wibble`.*Say which unit it is",
+    }
+    for units, words in refused.items():
+        with pytest.raises(SceneError, match=words):
+            read(tmp_path / "log.csv", units)
+
+
 @pytest.mark.parametrize(("unit", "answer"), [("Hz", TURN), ("wibble", TURN / 60), ("kPa", 1.0), ("Euc", TURN / 60)])
 def test_a_unit_that_does_not_fit_is_asked_back_and_the_unit_that_is_given_answers(tmp_path, unit, answer):
     with pytest.raises(SceneError, match=rf"column `SURF_RPM`, must have a unit of rad/s, but it has `{unit}`"):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, joined, suggest
-from toolbox.logs.cells import UNITLESS, epoch, factor, plain_number
+from toolbox.logs.cells import UNITLESS, epoch, factor, plain_number, quantity_of
 from toolbox.logs.dates import DAY, UNDERSTOOD, digits_of, has_clock, has_date, is_format, is_time, seconds_of
 from toolbox.logs.grids import NONE, Column, Source, named
 from toolbox.logs.sources import from_file, from_frame, from_mapping
@@ -244,14 +244,31 @@ def _size(unit: str, wanted: str) -> float | None:
 
 
 def size_of(unit: str, wanted: str, column: str, signal: str, here: str) -> float:
-    """Return how many of the wanted unit one of a column's is; the error of an unknown or doubtful one says how to give another."""
+    """Return how many of the wanted unit one of a column's is; the error of an unknown, doubtful or unfit one says how to mend the column."""
     try:
         return factor(unit, wanted, column)
     except SceneError as error:
+        head = f"{here} must have a unit of {wanted}, but it has `{unit}`"
+        where = f"where you say which column is `{signal}`, as in"
+        faces = "(in Python `columns`, on the command line --column)"
+        measured, own = quantity_of(unit), quantity_of(wanted)
+        if measured:
+            raise SceneError(
+                f"{head}, a unit of {measured}. {_conversion(measured, own, wanted, signal)} Only if the heading is wrong, give the right unit {where} "
+                f"`{column} [{'rev/s' if (measured, own) == ('frequency', 'angular speed') else wanted}]` {faces}."
+            ) from None
         raise SceneError(
-            f"{here} must have a unit of {wanted}, but it has `{unit}`. {error} Say which unit it is where you say which column is `{signal}`, as in "
-            f"`{column} [{'t' if wanted == 'N' and 'ton' in unit.lower() else wanted}]` (in Python `columns`, on the command line --column)."
+            f"{head}. {error} Say which unit it is {where} `{column} [{'t' if wanted == 'N' and 'ton' in unit.lower() else wanted}]` {faces}."
         ) from None
+
+
+def _conversion(measured: str, own: str, wanted: str, signal: str) -> str:
+    """The sentence on a column that measures another quantity than its signal: how to get the signal from it."""
+    if measured == "current" and own in ("torque", "force"):
+        return f"A current is no {own}: multiply it by the {own} constant [{wanted}/A] first, and write the product in {wanted}."
+    if (measured, own) == ("frequency", "angular speed"):
+        return "An angular speed is in rad/s or rpm, and 1 Hz is 60 rpm: multiply it by 60, and write the product in rpm."
+    return f"It cannot be converted to {wanted} without another number: choose another column for `{signal}`, or write the converted samples in {wanted}."
 
 
 def numbers_of(cells: Any, mark: str, where: str) -> tuple[np.ndarray, str]:

@@ -31,15 +31,15 @@ def fitted(panels: Sequence[Panel], display_units: Mapping[str, str]) -> Any:
     with plt.rc_context(PAPER):
         count = len(panels)
         rows, columns = -(-count // COLUMNS), min(count, COLUMNS)
-        figure, grid = plt.subplots(2 * rows, columns, squeeze=False, sharex="col", figsize=(WIDTH, 0.4 + 3.4 * rows), height_ratios=(2.2, 1.0) * rows,
+        figure, grid = plt.subplots(2 * rows, columns, squeeze=False, figsize=(WIDTH, 0.4 + 3.4 * rows), height_ratios=(2.2, 1.0) * rows,
                                     layout="constrained")  # fmt: skip
         axes = np.stack([grid[::2].ravel(), grid[1::2].ravel()])
         for ax in axes[:, count:].ravel():
             ax.set_axis_off()
-        for ax in grid[1::2].ravel()[max(0, count - columns) : count]:  # the lowest of its column that is drawn, not the empty one below
-            ax.tick_params(labelbottom=True)
         axes = axes[:, :count]
         for (top, bottom), panel in zip(axes.T, panels, strict=True):
+            bottom.sharex(top)  # and with no other panel, because recordings last differently long
+            top.tick_params(labelbottom=False)
             x, measured, model, released = panel.x, panel.measured, panel.model, panel.released
             if panel.over != TIME:
                 fine = {**dots, "color": LINES[0]["color"], "markersize": 1.8}

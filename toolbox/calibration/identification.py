@@ -138,6 +138,7 @@ def identify(
         found,
         display_units=with_derived({**found.display_units, **units}, *found.curve_units),
         recordings=tuple(_described(recording, part) for recording, _ in read),
+        runs=tuple(run.recording.source for run in work.runs) if isinstance(work, _Moving) else (),
     )
 
 

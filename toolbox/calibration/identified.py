@@ -12,6 +12,7 @@ import numpy as np
 from toolbox.arguments import FloatArray
 from toolbox.calibration.panels import TIME, Panel
 from toolbox.calibration.results import Fit
+from toolbox.calibration.windows import own_name
 from toolbox.files.printing import Rows
 
 POINTS = 60
@@ -22,7 +23,11 @@ POINTS = 60
 class Identification(Fit):
     """Friction and mass of an axis or a joint, the result of `identify`: a `Fit` with its friction curve.
 
-    `print(found)`, `found.plot()` and `found.plot_residuals()` show the result.
+    `print(found)`, `found.plot()` and `found.plot_residuals()` show the result. `found.plant` is the identified plant, for
+    `simulate` and `ClosedLoop`. It has the estimates, and each number that was kept as `found.untold` says.
+
+    A coast-down without a driving force tells only friction over inertia (or mass). The inertia is then kept as declared,
+    and friction over inertia is the estimate of friction divided by the kept inertia.
 
     Attributes
     ----------
@@ -46,15 +51,20 @@ class Identification(Fit):
         Units of speed and force of `points` and `curve`.
     recordings
         Description of the recordings as text.
+    runs
+        Recording of each run: run 1 is the first. A gap in a recording makes two runs. Empty for steady points.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from toolbox import identify
+    >>> from toolbox import identify, simulate
     >>> speed = np.linspace(0.05, 0.6, 12)
     >>> found = identify({"axis.speed": speed, "axis.force": 5.0 + 35.0 * speed}, fixed="axis.force_offset")
     >>> print(f"{found['rail.friction.viscous']:.2f} from {found.points.shape[1]} points")
     35.00 from 12 points
+    >>> run = simulate(found.plant, 5.0, inputs={"axis.force": 12.0})
+    >>> print(f"{run['axis.speed'][-1]:.2f} m/s")
+    0.20 m/s
     """
 
     untold: Mapping[str, str] = field(default_factory=dict)
@@ -62,12 +72,21 @@ class Identification(Fit):
     curve: FloatArray = field(default_factory=lambda: np.zeros((4, 0)))
     curve_units: tuple[str, str] = ("m/s", "N")
     recordings: tuple[str, ...] = ()
+    runs: tuple[str, ...] = ()
 
     def _told(self) -> list[str | Rows]:
         lines = [*super()._told()]
         if self.untold:
             lines += ["", "What the data do not tell:", *(f"  {name}: {why}" for name, why in self.untold.items())]
         return [*lines, "", *self.recordings]
+
+    def _extent(self, name: str) -> str:
+        """The recordings in which the start of a signal has no influence, in words; a run of its own has the number of the run behind the name."""
+        signal, _, number = name.removesuffix("]").partition("[")
+        if number and self.runs:
+            return f"in run {number} ({self.runs[int(number) - 1]})"
+        without = [source for k, source in enumerate(self.runs, 1) if own_name(signal, k) not in self.names]
+        return f"in {', '.join(dict.fromkeys(without))}" if 0 < len(without) < len(self.runs) else super()._extent(name)
 
     def plot(self) -> Any:
         """Draw friction over speed: the points of the data, the friction law, and its confidence interval. Return the axes."""

@@ -215,7 +215,7 @@ class Fit(Told, Result):
                 f"  `{self.indistinguishable_friction}static` and `{self.indistinguishable_friction}kinetic` are one number: "
                 "the data do not tell them apart (F-test, 5 %), so friction has no decay."
             )
-        lines += [f"  `{name}` has no influence there, and so no estimate." for name in self.unidentifiable]
+        lines += [f"  `{name}` has no influence {self._extent(name)}, and so no estimate." for name in self.unidentifiable]
         lines += [
             f"  {np.sum(left_out)} sample(s) of {name} break the law and were left out (`robust`)"
             for name, left_out in self.outliers.items()
@@ -229,6 +229,10 @@ class Fit(Told, Result):
         if not self.exact_derivatives:
             lines.append("  slopes by differences, because a law in Python or an encoder has no exact ones")
         return lines
+
+    def _extent(self, name: str) -> str:
+        """Where a number has no influence, in words."""
+        return "at these estimates"
 
     def check_loaded(self) -> None:
         """Raise ValueError if the arrays do not fit the names."""

@@ -33,6 +33,13 @@ KINDS = ("1", "s", "rad", "rad/s", "m", "m/s", "N", "N m", "Pa", "kg", "K", "W",
 EPOCHS = ((1e8, 5e9, 1.0), (1e11, 5e12, 1e-3), (1e14, 5e15, 1e-6), (1e17, 5e18, 1e-9))
 """(from, to, seconds) of numbers that count seconds, milliseconds, microseconds or nanoseconds since 1970."""
 
+QUANTITIES = {
+    "A": "current", "V": "voltage", "N": "force", "N m": "torque", "Pa": "pressure", "W": "power", "s": "time", "m": "length", "m/s": "speed",
+    "m/s2": "acceleration", "rad": "angle", "rad/s": "angular speed", "rad/s2": "angular acceleration", "Hz": "frequency", "kg": "mass", "K": "temperature",
+    "m3/s": "flow rate", "kg/m3": "density", "N/m": "stiffness", "N s/m": "viscous friction", "kg m2": "inertia",
+}  # fmt: skip
+"""{unit: the quantity that it measures}, for messages on a column that measures another quantity than its signal."""
+
 UNITLESS = (
     "unitless",
     "euc",
@@ -77,6 +84,15 @@ def factor(unit: str, wanted: str, name: str) -> float:
             if usual is not None:
                 return float(size) * parse(usual if usual[0].isdigit() else f"1 {usual}", wanted, name)
         raise
+
+
+def quantity_of(unit: str) -> str:
+    """Return the quantity that a unit measures, such as "current" for "mA"; empty for an unknown unit, and for one of a quantity without a name here."""
+    for of_quantity, quantity in QUANTITIES.items():
+        with contextlib.suppress(SceneError):
+            factor(unit, of_quantity, "unit")
+            return quantity
+    return ""
 
 
 def is_unit(text: str) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
@@ -50,8 +50,8 @@ class PID(Controller):
     6.283 rad/s
     """
 
-    measured_signals: str | tuple[str, ...] = ()  # type: ignore[misc, assignment]
-    actuated_signals: str | tuple[str, ...] = ()  # type: ignore[misc, assignment]
+    measured_signals: str | tuple[str, ...] = field()  # type: ignore[misc, assignment]
+    actuated_signals: str | tuple[str, ...] = field()  # type: ignore[misc, assignment]
     proportional: Quantity = quantity(1.0, "1", "proportional gain, in the unit of u per unit of y", at_least=0)
     integral: Quantity = quantity(0.0, "1/s", "integral gain, in the unit of u per unit of y and second", at_least=0)
     derivative: OptionalQuantity = quantity(

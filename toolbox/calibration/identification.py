@@ -71,8 +71,8 @@ def identify(
         "Axis" (m, N) or "Joint" (rad, N m) of `models`, or such a part with other numbers, at which the search begins.
     columns
         {signal: column} for all recordings, such as {"time": "t", "axis.position": "pos [mm]", "axis.force": "F [N]"}.
-        If recordings have different headings, give several, such as {"axis.force": ("F [N]", "Kraft [N]")}: of each
-        recording the first that it has counts. A signal that a recording does not have is left out, and a force that it
+        If recordings have different headings, give several headings of a signal, such as {"axis.force": ("F [N]",
+        "Kraft [N]")}. In each recording, the first of these headings that exists is read. A signal that a recording does not have is left out, and a force that it
         does not have is 0. By default columns have the names of signals.
     fixed
         Names of numbers of the part that keep the value of `plant`, such as "axis.mass".

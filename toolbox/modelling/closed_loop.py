@@ -399,8 +399,8 @@ class ClosedLoop(Printed):
         Parameters
         ----------
         given
-            {parameter: value in SI, or text with a unit}. A parameter may be a whole tuple, or a field that only the
-            design of a controller uses.
+            {parameter: value in SI, or text with a unit}. The name may be that of a whole tuple, such as "chain.inertia", or of a field that only
+            the design of a controller uses.
 
         Raises
         ------

@@ -57,8 +57,8 @@ def follow(
     Use this function to find the range of the parameter in which stick-slip exists. Folds, period doublings and
     grazings of the branch are located.
 
-    If the parameter is the frequency of a sine, the period of the cycle changes with it. If a part contains the
-    frequency as a number of its own equations, the search keeps the period constant.
+    If the parameter is the frequency of an input that is a sine, such as "block.force.frequency", the period of the cycle
+    changes with it. If the frequency is instead a parameter of a part, the search keeps the period constant.
 
     The branch ends when the parameter reaches one of its `bounds`, after `points` cycles, at a Hopf point, or if no
     further cycle is found. `stop_reason` of the result gives the reason.

@@ -29,7 +29,7 @@ class Budget:
     Raises
     ------
     SceneError
-        When a run uses the budget, unless all limits are positive and `steps` and `events` are integers.
+        If a limit is not positive, or `steps` or `events` is no integer. The error comes when a run uses the budget.
 
     Examples
     --------

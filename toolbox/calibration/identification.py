@@ -72,8 +72,8 @@ def identify(
     columns
         {signal: column} for all recordings, such as {"time": "t", "axis.position": "pos [mm]", "axis.force": "F [N]"}.
         If recordings have different headings, give several headings of a signal, such as {"axis.force": ("F [N]",
-        "Kraft [N]")}. In each recording, the first of these headings that exists is read. A signal that a recording does not have is left out, and a force that it
-        does not have is 0. By default columns have the names of signals.
+        "Kraft [N]")}. In each recording, the first of these headings that exists is read. A signal that a
+        recording does not have is left out, and a force that it does not have is 0. By default columns have the names of signals.
     fixed
         Names of numbers of the part that keep the value of `plant`, such as "axis.mass".
     delayed_signals

@@ -95,10 +95,10 @@ def test_a_regularised_bit_creeps_and_is_stiff_where_the_exact_one_stands(root):
     assert measure.extent(exact, "bit.speed").maximum == 0.0
     creep = smooth.at(200.0)["bit.speed"]
     assert creep == pytest.approx(0.01 * math.atanh(6000.0 / (97_347.0 * 0.155575 * 0.8)), rel=0.02)  # less what drags take
-    assert f"ends at {creep:.4f} rad/s instead of 0" in " ".join(page.split())
+    assert f"at the end of the run is {creep:.4f} rad/s instead of 0" in " ".join(page.split())
     few, many = (
         int(word.replace(" ", ""))
-        for word in re.search(r"tries some (\d+) steps .*? and ([\d ]+) with tanh", " ".join(page.split())).groups()
+        for word in re.search(r"tries some (\d+) steps .*? and ([\d ]+) steps with tanh", " ".join(page.split())).groups()
     )
     assert sum(exact.steps) == pytest.approx(few, rel=0.15)
     assert sum(smooth.steps) == pytest.approx(many, rel=0.15)

@@ -2,8 +2,6 @@
 
 import contextlib
 import math
-import os
-import pickle
 
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.refusals import each_of, refusals
 from toolbox import SceneError
-from toolbox.files import kept_code, units
+from toolbox.files import units
 from toolbox.files.plain_units import plain
 from toolbox.files.unit_systems import SYSTEMS
 from toolbox.files.units import HABITS, MISTAKEN, USUAL, parse
@@ -217,24 +215,6 @@ def test_everyday_units_are_read_without_the_registry_and_as_it_reads_them(word,
 @pytest.mark.parametrize("text", ["", "m m/", "furlong", "m**0.5", "s**-1/2", "(N m)/s", "2 m", "/s", "kgm", "* m", "kK", "m 1"])
 def test_what_is_no_product_of_everyday_units_is_left_to_the_registry(text):
     assert plain(text) is None
-
-
-def test_the_registry_of_rare_units_is_kept_for_its_user_alone_and_a_damaged_file_of_it_does_no_harm(tmp_path, monkeypatch):
-    monkeypatch.setenv("STICKSLIP_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(kept_code, "_TOLD", [])
-    for content in (b"", b"damaged", pickle.dumps(7)):
-        units._registry.cache_clear()
-        assert float(units._registry().Quantity(1, "acre").to_base_units().magnitude) == pytest.approx(4046.8726, rel=1e-7)
-        files = list((tmp_path / "units").glob("*.pickle"))
-        assert len(files) >= 2
-        for path in files:
-            path.write_bytes(content)
-    if os.name == "posix":
-        (tmp_path / "units").chmod(0o777)
-        units._registry.cache_clear()
-        units._registry()
-        assert all(path.read_bytes() == content for path in files)  # neither read nor written where others can write
-    units._registry.cache_clear()
 
 
 test_wrong_uses_are_refused_in_these_words = refusals(

@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolbox.errors import SceneError, UnusualValue, check_version, suggest
-from toolbox.files.kept_code import cache_directory, trusted
 from toolbox.files.plain_units import plain
 
 if TYPE_CHECKING:
@@ -415,16 +414,7 @@ def _registry() -> Any:
     check_version("pint")
     import pint  # here, because it takes half a second, and only rare units need it
 
-    def made(**kept: Any) -> Any:
-        return pint.UnitRegistry(non_int_type=Decimal, **kept)  # decimals: 97.3 kN is 97300 N to the last digit
-
-    folder = cache_directory() / "units"
-    if not trusted(folder):  # it holds pickles, which run code when they are read
-        return made()
-    try:
-        return made(cache_folder=folder)  # read, not parsed again: a fifth of the time without it
-    except Exception:  # a file that another process writes just now or that is damaged, for which unpickling has no common error
-        return made()
+    return pint.UnitRegistry(non_int_type=Decimal)  # decimals: 97.3 kN is 97300 N to the last digit
 
 
 @cache

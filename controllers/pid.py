@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from controllers.torque_limits import TorqueLimits
+from controllers.torque_limits import TorqueLimits, clipped
 from toolbox import Controller, Equations, Quantity, SceneError, Update, quantity, state
 from toolbox.authoring import NumberOrText, number
 from toolbox.modelling import OptionalQuantity
@@ -135,9 +135,4 @@ class PID(Controller):
         wanted = self.bias + self.proportional * error + self.integral * integral
         if self.derivative is not None:
             wanted = wanted - self.derivative * rate
-        u = wanted
-        if self.lowest is not None:
-            u = ca.fmax(u, self.lowest)
-        if self.highest is not None:
-            u = ca.fmin(u, self.highest)
-        return wanted, u
+        return wanted, clipped(wanted, self.lowest, self.highest)

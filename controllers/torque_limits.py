@@ -12,6 +12,12 @@ from toolbox.authoring import number
 from toolbox.modelling import OptionalQuantity
 
 
+def clipped(wanted: Any, lowest: Any, highest: Any) -> Any:
+    """A command within its limits; None is no limit."""
+    wanted = wanted if lowest is None else ca.fmax(wanted, lowest)
+    return wanted if highest is None else ca.fmin(wanted, highest)
+
+
 @dataclass(frozen=True, kw_only=True)
 class TorqueLimits(Controller):
     """Base class of controllers that know the limits of torque and torque rate of the drive. None means no limit.
@@ -56,11 +62,7 @@ class TorqueLimits(Controller):
 
     def clipped(self, wanted: Any) -> Any:
         """The torque wanted, cut to what the drive can give."""
-        if self.lowest_torque is not None:
-            wanted = ca.fmax(wanted, self.lowest_torque)
-        if self.highest_torque is not None:
-            wanted = ca.fmin(wanted, self.highest_torque)
-        return wanted
+        return clipped(wanted, self.lowest_torque, self.highest_torque)
 
     def limited(self, wanted: Any, period: Any = None) -> tuple[Any, dict[Any, Any]]:
         """The command, and the memory that a rate limit needs; without a period (continuous) a rate limit is an error."""

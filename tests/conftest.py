@@ -76,7 +76,7 @@ def _keep_code_apart(quick):
     """
     import llvmlite
 
-    from toolbox.files.kept_code import cache_directory
+    from toolbox.compilation.kept_code import cache_directory
 
     os.environ["STICKSLIP_CACHE_DIR"] = str(cache_directory() / ("quick" if quick else f"tests-{llvmlite.__version__}"))
 

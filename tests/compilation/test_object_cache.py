@@ -14,8 +14,8 @@ import pytest
 from models import BlockOnBelt
 from toolbox import compose, simulate
 from toolbox import time as t
-from toolbox.files import kept_code
-from toolbox.files.kept_code import cache_directory, keep, kept
+from toolbox.compilation import kept_code
+from toolbox.compilation.kept_code import cache_directory, keep, kept
 
 posix = pytest.mark.skipif(os.name != "posix", reason="owners and modes are those of POSIX")
 root_only = pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root can give files away")

@@ -33,8 +33,9 @@ def start_given(given: argparse.Namespace, scene: Any) -> Start | None:
 
     kind, _, rest = given.start.partition(":")
     if kind == "takeover" and rest:
-        label, _, count = rest.rpartition(":") if rest.rpartition(":")[2].isdigit() and ":" in rest else (rest, "", "8")
-        return TakenOver(one_law(scene, "--start", label), _phases(count))
+        label, _, count = rest.rpartition(":") if rest.rpartition(":")[2].isdigit() and ":" in rest else (rest, "", "")
+        law = one_law(scene, "--start", label)
+        return TakenOver(law, _phases(count)) if count else TakenOver(law)
     if kind == "rest":
         return FromRest(plain(rest) if rest else 0.0)
     if kind == "own":

@@ -115,8 +115,8 @@ def _refined(finer: Scene, rows: Sequence[Row]) -> str:
     """The verdicts on the scene with twice as many elements, beside those of its own number."""
     from toolbox.files.printing import columns
     from toolbox.onsets import study
+    from toolbox.scenes.situation import mode_summaries
 
-    lumped = [words for part in finer.plant().parts if (words := getattr(part, "mode_summary", ""))]
     again = [study.verdict_row(finer, row.controller)[0] for row in rows]
     cells = [("controller", "verdict", "with twice the elements", "stuck", "with twice the elements")]
     cells += [(a.controller, a.verdict, b.verdict, f"{a.stuck:.3g} s", f"{b.stuck:.3g} s") for a, b in zip(rows, again, strict=True)]
@@ -126,7 +126,7 @@ def _refined(finer: Scene, rows: Sequence[Row]) -> str:
         if other
         else "No verdict depends on the number of elements."
     )
-    return "\n".join([f"With twice as many elements ({'; '.join(lumped)}):", *columns(cells, left=(0, 1, 2)), told])
+    return "\n".join([f"With twice as many elements ({'; '.join(mode_summaries(finer.plant()))}):", *columns(cells, left=(0, 1, 2)), told])
 
 
 def _beside_measured(scene: Any, stems: list[str], folder: Path, ending: str) -> list[str]:

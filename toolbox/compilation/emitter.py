@@ -24,8 +24,8 @@ from weakref import WeakValueDictionary
 import casadi as ca
 
 from toolbox.compilation.dense_systems import BLOCK, NAMES, blocks, factor_size, module_text
+from toolbox.compilation.kept_code import cache_directory, keep, kept
 from toolbox.errors import SceneError
-from toolbox.files.kept_code import cache_directory, keep, kept
 from toolbox.modelling.elimination import calls, size_solved
 
 FLAGS = "contract nsz arcp"

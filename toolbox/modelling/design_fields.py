@@ -10,6 +10,7 @@ import casadi as ca
 
 from toolbox.arguments import count_of
 from toolbox.modelling.components import fields_of, is_nested
+from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
 
 Loop = Any
@@ -22,12 +23,18 @@ def acts(loop: Loop, name: str) -> bool:
     entry, more = system._parameter(name), [each.default for name, each in system.inputs.items() if name not in loop.input_values]
     symbol = system.p[entry.offset : entry.offset + count_of(entry.size)]
 
+    return bool(ca.depends_on(motion_of(system), symbol) or (more and ca.depends_on(ca.vertcat(*more), symbol)))
+
+
+def motion_of(system: HybridSystem) -> ca.SX:
+    """All expressions that the motion of a system follows from: its flow, those of its elements and of its sampled laws."""
+
     def motion() -> ca.SX:
         of_elements = [getattr(element, kind) for element in system.elements for kind in element.expression_fields]
         of_laws = [each for update in system.updates for each in (update.following, update.outputs)]
         return ca.vertcat(system.flow, *(ca.vec(ca.SX(each)) for each in (*of_elements, *of_laws)))
 
-    return bool(ca.depends_on(system.once("motion", motion), symbol) or (more and ca.depends_on(ca.vertcat(*more), symbol)))
+    return ca.SX(system.once("motion", motion))
 
 
 def design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:

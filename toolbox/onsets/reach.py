@@ -20,7 +20,7 @@ from toolbox.modelling.closing import described
 from toolbox.onsets.carried import DAMPED, Carried, JudgedRuns, Place
 from toolbox.onsets.motions import moved, slip_rows, swings
 from toolbox.onsets.results import Reached
-from toolbox.onsets.takeover import taken_over, under_controller, under_held_commands
+from toolbox.onsets.takeover import BEFORE, PHASES, taken_over, under_controller, under_held_commands
 from toolbox.simulation.request import Request
 from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.running import at_set_points
@@ -33,13 +33,6 @@ HARDEST = 4.0
 
 HELD, KICKED = "the stick-slip under constant commands", f"a kick of up to {HARDEST:g} times the speed"
 """Starts of several runs."""
-
-
-PHASES = 8
-"""Phases at which the stick-slip of another controller is taken over."""
-
-BEFORE = 200.0
-"""Time for which that controller runs before [s]."""
 
 
 def reached_from(carried: Carried[Place], value: Place, initial: Any = None) -> tuple[Reached, ...]:

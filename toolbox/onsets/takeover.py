@@ -23,8 +23,14 @@ from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.steady_loop import smooth_points
 
+PHASES = 8
+"""Instants of the stick-slip of another controller at which it is taken over, by default."""
 
-def cycle_phases(run: Trajectory, count: int = 8) -> list[dict[str, Any]]:
+BEFORE = 200.0
+"""Time for which that controller runs before, by default [s]."""
+
+
+def cycle_phases(run: Trajectory, count: int = PHASES) -> list[dict[str, Any]]:
     """Return states and commands at equally spaced phases of the last stick-slip cycle of a run, as starts of other
     runs.
 

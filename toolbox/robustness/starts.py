@@ -36,7 +36,7 @@ from toolbox.modelling.laws import Controller, Sampled
 from toolbox.onsets.carried import Carried
 from toolbox.onsets.coming_to import HERE, Settled
 from toolbox.onsets.reach import held_starts
-from toolbox.onsets.takeover import at_set_point, cycle_phases, taken_over, under_controller
+from toolbox.onsets.takeover import BEFORE, PHASES, at_set_point, cycle_phases, taken_over, under_controller
 from toolbox.scenes.judged import judged_contact, judged_speed, set_point
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.simulate import simulate
@@ -214,8 +214,8 @@ class TakenOver(Start):
     """
 
     initial_controller: Controller | Sampled
-    phases: int = 8
-    duration: float = 200.0
+    phases: int = PHASES
+    duration: float = BEFORE
 
     def __post_init__(self) -> None:
         whole("phases", self.phases, 1)

@@ -328,9 +328,8 @@ class Trials:
             if judged is None and is_stick(found.stuck) and not verdict.failed:
                 verdict = STICKS_IN_WINDOW
             if not verdict.failed and judged is not None and self._excess(found) > 1.0:
-                still = (
-                    min(SETTLED / abs(settled.rate), LONGEST * settled.runs.period) if settled.rate < 0.0 else LONGEST * settled.runs.period
-                )
+                longest = LONGEST * settled.runs.period
+                still = min(SETTLED / abs(settled.rate), longest) if settled.rate < 0.0 else longest
                 last = simulate(machine, still + self.duration - self.window, start=run.last)
                 asked = {name: dataclasses.replace(each, after=last.begin + still) for name, each in self._sized.items()}
                 error, ripple = self._sizes({name: each.read(last) for name, each in asked.items()})

@@ -15,6 +15,7 @@ from typing import Any
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.scenes.judged import judged_contact, judged_speed, set_point
 
@@ -72,9 +73,13 @@ class Situation:
         cases
             {label: loop} of all loops that were judged, whose inputs and noise may differ; by default only this loop.
         """
-        lumped = [words for part in loop.plant.parts if (words := getattr(part, "mode_summary", ""))]
-        plant = plants + "".join(f" ({words})" for words in lumped)
+        plant = plants + "".join(f" ({words})" for words in mode_summaries(loop.plant))
         return cls(plant, f"started from {start}", design or _design(loop), _surroundings(cases or {"": loop}), duration)
+
+
+def mode_summaries(plant: HybridSystem) -> list[str]:
+    """Number of elements and first modes of each part that is lumped, in words."""
+    return [words for part in plant.parts if (words := getattr(part, "mode_summary", ""))]
 
 
 def start_in_words(loop: ClosedLoop) -> str:

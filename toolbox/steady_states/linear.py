@@ -22,6 +22,7 @@ from toolbox.errors import NoSteadyState, SceneError, suggest
 from toolbox.modelling.clamps import opened
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
 from toolbox.modelling.components import structure_of
+from toolbox.modelling.design_fields import motion_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.numeric import NumericFunction
@@ -562,16 +563,8 @@ def _free_flow(plant: HybridSystem) -> ca.SX:
 def integrals_of(plant: HybridSystem) -> np.ndarray:
     """Whether each state is an integral on which no equation depends, as the angle of a shaft may be; shape (states,)."""
 
-    def found() -> np.ndarray:
-        elements = [getattr(element, kind) for element in plant.elements for kind in element.expression_fields]
-        laws = [expression for update in plant.updates for expression in (update.following, update.outputs)]
-        equations = ca.vertcat(
-            *[ca.vec(ca.SX(each)) for each in (*elements, *laws, plant.switched_equations.field, plant.switched_equations.slip)]
-        )
-        read = np.array(ca.DM(ca.jacobian(equations, plant.x).sparsity())).any(axis=0)
-        return np.array(~read)
-
-    return np.array(plant.once(("integrals",), found))
+    read = plant.once(("read states",), lambda: np.array(ca.DM(ca.jacobian(motion_of(plant), plant.x).sparsity())).any(axis=0))
+    return np.array(~read)
 
 
 def at_rest(plant: HybridSystem, flow: ca.SX) -> ca.SX:

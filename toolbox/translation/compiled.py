@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from toolbox.compilation.emitter import COMPILING, compiler, linked, object_code
+from toolbox.compilation.kept_code import cache_directory, keep, kept
 from toolbox.compilation.stamps import stamp_of
-from toolbox.files.kept_code import cache_directory, keep, kept
 from toolbox.translation.array_layout import ARRAY, HEADER, ITEMS, UNFIT, check_layout
 
 KEPT = 8

@@ -1,11 +1,14 @@
 """Identification from recordings alone: the numbers of the machine are found, and what the data do not tell has its sentence and its experiment."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from models import Coulomb, GaussianStribeck, Joint, Viscous
 from toolbox import SceneError, compose, identify, simulate
 from toolbox.calibration import Identification, Recording, identification, residuals
+from toolbox.calibration.identified import friction_over_speed
 from toolbox.commands.command_line import main
 from toolbox.modelling.laws import names
 
@@ -40,6 +43,15 @@ def test_steady_points_give_stribeck_and_viscous_friction_together():
     assert named == pytest.approx({"static": 20.0, "kinetic": 5.0, "stribeck_speed": 0.07, "viscous": 35.0})
     assert set(found.untold) == {"axis.mass", "axis.force_offset"}
     assert "accelerate by a measured force" in found.untold["axis.mass"] and "move both ways" in found.untold["axis.force_offset"]
+
+
+def test_a_kinetic_friction_at_its_bound_of_zero_has_a_friction_curve():
+    speed = np.linspace(0.005, 0.6, 21)
+    found = identify({"axis.speed": speed, "axis.force": 20.0 * np.exp(-((speed / 0.07) ** 2)) + 35.0 * speed})
+    kinetic = found.names.index("rail.friction.dry.kinetic")
+    bound = dataclasses.replace(found, values=np.where(np.arange(found.values.size) == kinetic, 0.0, found.values))
+    at, law, low, high = friction_over_speed(bound, found.points)
+    assert np.allclose(law, 20.0 * np.exp(-((at / 0.07) ** 2)) + 35.0 * at, atol=1e-3) and (low <= law).all() and (law <= high).all()
 
 
 def test_steady_points_both_ways_give_friction_of_each_direction():

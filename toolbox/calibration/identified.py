@@ -148,7 +148,9 @@ def friction_over_speed(found: Fit, points: np.ndarray) -> np.ndarray:
         step = np.zeros(found.values.size)
         step[i] = 1e-4 * max(abs(found.values[i]), 1e-9)
         word = found.names[i].rpartition(".")[2]
-        sign = -1.0 if word == "kinetic" else 1.0  # a kinetic friction is at most the static one
+        sign = (
+            -1.0 if word == "kinetic" and found.values[i] >= step[i] else 1.0
+        )  # a kinetic friction is at most the static one, and at least 0
         slopes.append((friction(found.values + sign * step) - middle) / (sign * step[i]))
     places = [i for i, _ in numbers]
     covariance = np.where(np.isfinite(found.covariance), found.covariance, 0.0)[np.ix_(places, places)]

@@ -81,7 +81,7 @@ class SampledUpdate(NamedTuple):
 
 
 class HybridSystem(Renamed):
-    """Composed plant in normal form. `compose` makes it; `simulate`, `linearise` and the other functions read it.
+    """Plant that `compose` makes of its parts: states, signals, inputs, parameters, and equations as casadi expressions.
 
     Attributes
     ----------
@@ -100,13 +100,14 @@ class HybridSystem(Renamed):
     elements
         The set-valued elements.
     modeless
-        {contact without modes: name of its friction law, which has a memory}.
+        {contact whose friction law has a memory: name of this law}. Such a contact has no modes.
     begin
         Default start values of the states, shape (n,): 0, or the values that a law with memory declares.
     values
         Declared parameter values, shape (n_p,).
     shared_modes
-        {friction: (another friction on the same slip whose mode it shares, sign of its slip relative to that slip)}.
+        {friction: (other friction, sign)} for two frictions that act on the same slip. Both have one mode. The sign is
+        -1 if the slips have opposite signs.
     owners
         {state or element: index of the part to which it belongs}.
     held
@@ -116,7 +117,7 @@ class HybridSystem(Renamed):
     redirected_signals
         {signal used by the controllers: signal to which they are connected instead}.
     cache
-        Results that are computed or compiled once per structure.
+        Results that are computed or compiled once for all plants with the same equations.
     typed_units
         {SI unit: unit that was typed} in the scene of the plant. None without a scene.
     parameter_check
@@ -203,17 +204,23 @@ class HybridSystem(Renamed):
 
     @property
     def force_function(self) -> ca.Function:
-        """Casadi Function (t, x, u, p, m) -> forces of the elements."""
+        """Casadi Function (t, x, u, p, m) -> forces of the elements.
+
+        t is the time, x the states, u the inputs, p the parameters and m the modes. All are columns in SI.
+        """
         return self.function("forces", self.switched_equations.force, "F")
 
     @property
     def slip_function(self) -> ca.Function:
-        """Casadi Function (t, x, u, p, m) -> slips of the elements."""
+        """Casadi Function (t, x, u, p, m) -> slip speeds of the elements.
+
+        t is the time, x the states, u the inputs, p the parameters and m the modes. All are columns in SI.
+        """
         return self.function("slips", ca.densify(self.switched_equations.slip), "v")
 
     @property
     def input_defaults(self) -> ca.Function:
-        """Casadi Function p -> default values of the inputs."""
+        """Casadi Function p -> default values of the inputs, with the parameters p. Both are columns in SI."""
 
         def made() -> ca.Function:
             defaults = ca.vertcat(ca.SX(0, 1), *[entry.default for entry in self.inputs.values()])
@@ -224,8 +231,9 @@ class HybridSystem(Renamed):
     def function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
         """Return the casadi Function (t, x, u, p, m) -> expression.
 
-        The arguments are time, states, inputs, parameters and modes, as for `rhs`. The Function is kept under its name: a
-        second call with the same name, on this plant or on a plant of the same structure, returns the first Function.
+        The arguments are time, states, inputs, parameters and modes, as columns in SI. The Function is kept under its
+        name: a second call with the same name, on this plant or on a plant with the same equations, returns the first
+        Function.
 
         Parameters
         ----------
@@ -240,7 +248,7 @@ class HybridSystem(Renamed):
         return self.once(name, lambda: ca.Function(name, symbols, [ca.densify(expression)], names, [output]))
 
     def once(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return a result that is computed once and shared by all plants of the same structure.
+        """Return a result that is computed once and shared by all plants with the same equations.
 
         Parameters
         ----------
@@ -312,11 +320,11 @@ class HybridSystem(Renamed):
     def element_modes(self, name: str) -> tuple[int, Mapping[int, str]]:
         """Return (index, names) for the mode of an element.
 
-        `index` is the position of its mode in the column of modes. It is the position of the element in `elements`, with one
-        exception: if two frictions act on the same slip, they share one mode, and `index` is the position of the first
-        friction for both of them.
+        `index` is the position of the mode of this element in the argument m (modes) of `rhs`. It equals the position
+        of the element in the list `elements`. Exception: two frictions on the same slip share one mode, and the index
+        of both is the position of the first friction.
 
-        `names` is {number of the mode: its name}, such as {0: "stick", 1: "slip+", -1: "slip-"}.
+        `names` maps the number of a mode to its name, such as {0: "stick", 1: "slip+", -1: "slip-"}.
 
         Parameters
         ----------

@@ -74,8 +74,10 @@ class Observer(Controller):
     estimates: ClassVar[tuple[str, ...]] = ()
 
     def create_estimator(self, plant: HybridSystem) -> Estimator | None:
-        """Return the estimator, a Python object, of an observer that cannot be written as a casadi expression, such as an
-        optimising observer. Without an override, the method returns None, and `sampled` or `continuous` is used.
+        """Return the estimator of an observer that cannot be written as a casadi expression, such as an optimising observer.
+
+        The estimator is a Python object. Without an override, the method returns None, and `sampled` or `continuous` is
+        used.
         """
         return None
 

@@ -216,7 +216,8 @@ class Sensitivity:
 
 @sign_of_life("sensitivity is at work")
 def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
-    """Differentiate a run with respect to parameters, inputs or start values, through every stick, slip, impact and switch.
+    """Compute the derivatives of a run with respect to parameters, inputs or start values, through every switch and
+    impact.
 
     The derivatives are exact. They are computed from variational equations with a saltation matrix at every event, not
     from differences of runs.
@@ -224,9 +225,9 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     Parameters
     ----------
     run
-        The run.
+        The run, a result of `simulate`.
     to
-        Names of numbers of the loop:
+        Names of the numbers with respect to which the run is differentiated:
 
         - parameters of the plant or of a controller, continuous or sampled (`block.mass`, `chain.stiffness.0`,
           `pi.proportional`);
@@ -243,8 +244,9 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     Raises
     ------
     SceneError
-        If a name is unknown, is a sample time or a number of a table, is used only by the design of a controller, or is
-        overridden by an input. Also if a controller is written in Python or a measurement has encoder steps.
+        If a name is unknown, or if it names a sample time, a number of a table, a number that only the design of a
+        controller uses, or a parameter that an input overrides. Also if a controller is written in Python or a
+        measurement has encoder steps.
     GrazingError
         If the run has no derivative.
 

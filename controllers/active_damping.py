@@ -64,6 +64,11 @@ class ActiveDamping(TorqueLimits):
         """Return the `PI` with the gains for this plant.
 
         Raises SceneError if the plant has no chain of inertias, or if the drag of the drive is not below c_f.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         try:
             inertia, stiffness, drag = (plant.parameter(f"chain.{name}") for name in ("inertia", "stiffness", "top_drag"))

@@ -206,7 +206,13 @@ class GroanBorder(NamedTuple):
     border_growth: float = 0.0
 
     def at(self, speed: float) -> float:
-        """Return the border [N] at a disc speed [rad/s] >= 0. If two pieces meet at this speed, the piece of the higher speeds is used."""
+        """Return the border [N] at a disc speed [rad/s] >= 0. If two pieces meet at this speed, the piece of the higher speeds is used.
+
+        Parameters
+        ----------
+        speed
+            Disc speed [rad/s], >= 0.
+        """
         piece = int(np.searchsorted(self.speeds, number("speed", speed, "rad/s", at_least=0), side="right")) - 1
         return self.forces[piece] * math.exp(self.border_growth * speed)  # growth is 0 where a piece has no border
 

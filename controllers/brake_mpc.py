@@ -80,6 +80,11 @@ class BrakeMPC(BrakeLaw):
 
         y is the array (disc speed [rad/s], brake torque [N m]). The callable remembers its last plan and the averaged
         friction from sample to sample.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         check_fields(self)
         lag = self.lag

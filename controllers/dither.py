@@ -201,7 +201,13 @@ class PhasedDither(LoadDither):
             raise SceneError("Argument `speed_scale` must not be 0.")
 
     def design(self, plant: HybridSystem) -> Any:
-        """Return the controller with the mean load and the unit of the speed from the plant, if they are not given."""
+        """Return the controller with the mean load and the unit of the speed from the plant, if they are not given.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
+        """
         law = super().design(plant)
         return law if self.unit is not None else replace(law, unit=plant.unit(self.speed))
 

@@ -82,6 +82,11 @@ class HInfinity(TorqueLimits):
 
         If `controller_matrices` is given, the method returns this controller unchanged. Raises SceneError if no controller
         has a finite norm on this plant.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         if self.controller_matrices is not None:
             return self

@@ -154,6 +154,11 @@ class Lifting(Controller):
         - `string_period`: natural period of the string below a drive that does not swing [s];
         - `string_impedance`: torsional impedance of the string [N m s/rad];
         - `weight`, with `weight_relief`: declared weight on bit [N].
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         filled: dict[str, Any] = {}
         if self.string_period is None or self.string_impedance is None:

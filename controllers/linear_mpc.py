@@ -70,6 +70,11 @@ class LinearMPC(Predictive):
         y is an array that begins with the measured signals, in the order of `measured_signals`. After them the set-point
         [rad/s] may follow, or the present torque [N m] and then the set-point. The callable remembers its estimates and its
         last plan from sample to sample.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         return PlannedLinear(self, without_actuators(plant))
 

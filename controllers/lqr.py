@@ -78,6 +78,11 @@ class LQR(TorqueLimits):
         """Return a copy of the controller with the fields `gain`, `operating_point` and `operating_point_slope` computed on the plant.
 
         If `gain` is given, the method returns this controller unchanged.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         if self.gain is not None:
             return self

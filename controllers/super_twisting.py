@@ -101,7 +101,13 @@ class ImpedanceSuperTwisting(SuperTwisting):
     impedance: OptionalQuantity = quantity(None, "N m s/rad", "impedance Z", above=0)
 
     def design(self, plant):
-        """Return a copy of the controller in which the fields `inertia`, `drag` and `impedance` that are None have values from the chain."""
+        """Return a copy of the controller in which the fields `inertia`, `drag` and `impedance` that are None have values from the chain.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
+        """
         law = super().design(plant)
         if law.impedance is not None:
             return law

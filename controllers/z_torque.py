@@ -103,6 +103,11 @@ class ZTorque(TorqueLimits):
         the chain of the plant, and `back_calculation` is the impedance of the string.
 
         If none of the three fields is None, the method returns this controller unchanged.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         if None not in (self.impedance, self.integral, self.inertia):
             return self

@@ -133,13 +133,30 @@ class WhirlingCollar(Component):
         return torque * np.pi**3 / (2 * self.span**2) + weight * np.pi**2 / (2 * self.span)
 
     def stiffness(self, weight: float = 0.0, torque: float = 0.0) -> Any:
-        """Return the lateral stiffness k_l [N/m] under a weight on bit [N] and a torque on bit [N m]."""
+        """Return the lateral stiffness k_l [N/m] under a weight on bit [N] and a torque on bit [N m].
+
+        Parameters
+        ----------
+        weight
+            Weight on bit [N], by default 0.
+        torque
+            Torque on bit [N m], by default 0.
+        """
         return self.bending_stiffness - self.softening(weight, torque)
 
     def synchronous_radius(self, speed: float, weight: float = 0.0, torque: float = 0.0) -> float:
         """Compute the radius of forward synchronous whirl, m e w^2/|k_l - m w^2| [m], at a speed of rotation w [rad/s].
 
         Mud drag and wall contact are neglected.
+
+        Parameters
+        ----------
+        speed
+            Speed of rotation w of the collar [rad/s].
+        weight
+            Weight on bit [N], by default 0.
+        torque
+            Torque on bit [N m], by default 0.
         """
         return self.modal_mass * self.eccentricity * speed**2 / abs(self.stiffness(weight, torque) - self.modal_mass * speed**2)
 
@@ -147,6 +164,13 @@ class WhirlingCollar(Component):
         """Compute the lowest speed at which steady synchronous whirl reaches the wall, sqrt(k_l/m gap/(gap + e)) [rad/s].
 
         Mud drag is neglected.
+
+        Parameters
+        ----------
+        weight
+            Weight on bit [N], by default 0.
+        torque
+            Torque on bit [N m], by default 0.
         """
         return float(np.sqrt(self.stiffness(weight, torque) / self.modal_mass * self.gap / (self.gap + self.eccentricity)))
 

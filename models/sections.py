@@ -181,6 +181,11 @@ class Section(Renamed):
     def weight(self, mud_density: float = 0.0) -> float:
         """Return the weight per length (rho - rho_mud) g A [N/m] with mud inside and outside of the pipe, g = 9.80665
         m/s2. The default density [kg/m3] is 0.
+
+        Parameters
+        ----------
+        mud_density
+            Density of the mud rho_mud [kg/m3], by default 0 (no mud).
         """
         metal = self.area if self.mass_per_length is None else self.mass_per_length / self.density
         return (self.density - mud_density) * 9.80665 * metal

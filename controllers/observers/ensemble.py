@@ -50,7 +50,13 @@ class Ensemble(Observer):
         check_fields(self.knowledge)
 
     def create_estimator(self, plant: HybridSystem) -> EnsembleEstimator:
-        """Return the estimator for the plant."""
+        """Return the estimator for the plant.
+
+        Parameters
+        ----------
+        plant
+            The plant whose signals are estimated.
+        """
         return EnsembleEstimator(self, plant)
 
 

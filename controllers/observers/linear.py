@@ -249,6 +249,15 @@ class Kalman(StringObserver):
 
         A (n, n) and B (n,) are the matrices of the string with the bit torque as last state, and `row` (n,) is C, which
         gives the top speed. The result has the shape (n,).
+
+        Parameters
+        ----------
+        A
+            Matrix of the string with the bit torque as last state, shape (n, n).
+        B
+            Effect of the torque of the drive on these states, shape (n,).
+        row
+            Row that gives the top speed from these states, shape (n,).
         """
         from scipy.linalg import solve_continuous_are
 
@@ -290,6 +299,15 @@ class DisturbanceObserver(StringObserver):
 
         A (n, n) and B (n,) are the matrices of the string with the bit torque as last state, and `row` (n,) is C, which
         gives the top speed. The result has the shape (n,).
+
+        Parameters
+        ----------
+        A
+            Matrix of the string with the bit torque as last state, shape (n, n).
+        B
+            Effect of the torque of the drive on these states, shape (n,).
+        row
+            Row that gives the top speed from these states, shape (n,).
         """
         return placed(A, row, np.poly(np.full(A.shape[0], -self.bandwidth)))
 

@@ -74,7 +74,13 @@ class MovingHorizon(Observer):
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 
     def create_estimator(self, plant: HybridSystem) -> HorizonFilter:
-        """Return the estimator for the plant."""
+        """Return the estimator for the plant.
+
+        Parameters
+        ----------
+        plant
+            The plant whose signals are estimated.
+        """
         return HorizonFilter(self, plant)
 
 

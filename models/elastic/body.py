@@ -151,14 +151,28 @@ class ElasticBody(Renamed):
         return int(self.mass.shape[0])
 
     def face_nodes(self, face: str) -> np.ndarray:
-        """Return the indices of the nodes of a face, ordered by x, then y, then z. Raises SceneError if the body has no face of this name."""
+        """Return the indices of the nodes of a face, ordered by x, then y, then z. Raises SceneError if the body has no face of this name.
+
+        Parameters
+        ----------
+        face
+            Name of the face, a key of `faces`.
+        """
         if face not in self.faces:
             raise SceneError(f"There is no face `{face}`: {suggest(face, self.faces)}")
         found = np.flatnonzero(self.faces[face])
         return found if self.nodes is None else found[np.lexsort(np.round(self.nodes[found].T, 12)[::-1])]
 
     def clamped(self, nodes: str | Iterable[int], axes: str = AXES) -> ElasticBody:
-        """Return the body with some nodes, or all nodes of a face, held along the given axes, such as "z" or "xyz"."""
+        """Return the body with some nodes, or all nodes of a face, held along the given axes, such as "z" or "xyz".
+
+        Parameters
+        ----------
+        nodes
+            Indices of the nodes, or the name of a face.
+        axes
+            Axes along which the nodes are held, by default "xyz" (all).
+        """
         chosen = self.face_nodes(nodes) if isinstance(nodes, str) else self._nodes(nodes)
         columns = [self._axis(axis) for axis in axes if axes != AXES or AXES.index(axis) < self.dof_map.shape[1]]
         held = self.dof_map[chosen][:, columns]
@@ -171,7 +185,15 @@ class ElasticBody(Renamed):
         return replace(self, **matrices, dof_map=number[self.dof_map])
 
     def point(self, node: int, axis: str) -> np.ndarray:
-        """Return the port that is the displacement of the node with index `node` along an axis ("x", "y" or "z"), as weights w of shape (n,)."""
+        """Return the port that is the displacement of the node with index `node` along an axis ("x", "y" or "z"), as weights w of shape (n,).
+
+        Parameters
+        ----------
+        node
+            Index of the node, counted from 0.
+        axis
+            Axis of the displacement: "x", "y" or "z".
+        """
         return self._weighted(np.array([node]), np.ones(1), axis)
 
     def mean(self, face: str, axis: str) -> np.ndarray:
@@ -194,6 +216,15 @@ class ElasticBody(Renamed):
 
         A row consists of the nodes with the same coordinate along the axis `along`. The rows are in the order of this
         coordinate. Each port has the shape (n,).
+
+        Parameters
+        ----------
+        face
+            Name of the face, a key of `faces`.
+        along
+            Axis along which the rows follow each other: "x", "y" or "z".
+        axis
+            Axis of the displacement: "x", "y" or "z".
         """
         return [self._weighted(row, self.faces[face][row], axis) for row in self._rows(face, along)]
 
@@ -221,7 +252,13 @@ class ElasticBody(Renamed):
         return [chosen[row == i] for i in range(row.max() + 1)]
 
     def frequencies(self, band: NumberOrText) -> np.ndarray:
-        """Compute the natural frequencies [Hz] of the undamped body from 0 up to `band` [Hz], ascending. Rigid-body motions have frequency 0."""
+        """Compute the natural frequencies [Hz] of the undamped body from 0 up to `band` [Hz], ascending. Rigid-body motions have frequency 0.
+
+        Parameters
+        ----------
+        band
+            Highest frequency that is computed [Hz], or text with a unit.
+        """
         return natural_frequencies(self.mass, self.stiffness, number("band", band, "Hz", at_least=0))
 
     def reduced(self, ports: Mapping[str, np.ndarray], band: NumberOrText = 0.0, tolerance: float = 0.01) -> ReducedBody:

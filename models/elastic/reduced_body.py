@@ -115,6 +115,11 @@ class ReducedBody(Renamed):
         """Write the body to a file (.npz) for `load` and scene files, and return its path.
 
         The file is written atomically. For an exactly symmetric matrix it holds only the upper triangle.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
         """
         path = _npz(path)
         arrays: dict[str, Any] = {
@@ -130,6 +135,11 @@ class ReducedBody(Renamed):
         """Read a body from a file that `save` has written. Reading never executes code from the file.
 
         Raises SceneError if the file is missing, damaged, or holds no body.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
         """
         path = _npz(path)
         found = {new_field(cls, name): array for name, array in read_arrays(path, "a reduced body").items()}
@@ -157,13 +167,25 @@ class ReducedBody(Renamed):
         return self.size - len(self.ports)
 
     def index(self, port: str) -> int:
-        """Return the index of the coordinate that is the displacement of a port. Raises SceneError if the body has no such port."""
+        """Return the index of the coordinate that is the displacement of a port. Raises SceneError if the body has no such port.
+
+        Parameters
+        ----------
+        port
+            Name of the port.
+        """
         if port not in self.ports:
             raise SceneError(f"There is no port `{port}`: {suggest(port, self.ports)}")
         return self.ports.index(port)
 
     def indices(self, prefix: str) -> list[int]:
-        """Return the coordinates of the ports `prefix.0`, `prefix.1` and so on, in order. Raises SceneError if no port has such a name."""
+        """Return the coordinates of the ports `prefix.0`, `prefix.1` and so on, in order. Raises SceneError if no port has such a name.
+
+        Parameters
+        ----------
+        prefix
+            Beginning of the names of the ports, such as "contact" for `contact.0`, `contact.1` and so on.
+        """
         found: list[int] = []
         while f"{prefix}.{len(found)}" in self.ports:
             found.append(self.ports.index(f"{prefix}.{len(found)}"))

@@ -140,7 +140,13 @@ class Windows(Told, Result):
         return headings, rows
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the window of every depth, one figure each (`toolbox.drilling.figures.window_diagram`), and return the axes."""
+        """Draw the window of every depth, one figure each (`toolbox.drilling.figures.window_diagram`), and return the axes.
+
+        Parameters
+        ----------
+        axes
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.drilling.figures import window_diagram
 
         first, second, deep = (reading(unit, self.display_units) for unit in (*self.units, "m"))

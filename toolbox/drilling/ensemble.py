@@ -236,7 +236,13 @@ class EnsembleFilter:
         return np.concatenate([single, *(each.ravel() for each in (states, self.logs, self.load, self.ring))])
 
     def set_memory(self, values: FloatArray) -> None:
-        """Restore a memory that `get_memory` returned."""
+        """Restore a memory that `get_memory` returned.
+
+        Parameters
+        ----------
+        values
+            The array that `get_memory` returned.
+        """
         n = self.members
         count, self.time, self.surprise, self.since, filled, self.now, begun = values[:7].tolist()
         self.count, self.filled = int(count), int(filled)
@@ -381,7 +387,13 @@ class EnsembleFilter:
         )
 
     def sliding(self, speed: FloatArray) -> FloatArray:
-        """Return the torque of the declared rock [N m] at speeds >= 0 [rad/s]."""
+        """Return the torque of the declared rock [N m] at speeds >= 0 [rad/s].
+
+        Parameters
+        ----------
+        speed
+            Speeds of the bit [rad/s], >= 0.
+        """
         if not hasattr(self, "_curve"):
             element, plant = self.plant.elements[self.contact], self.plant
             row = np.zeros(self.rollout.n)

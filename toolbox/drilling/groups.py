@@ -54,7 +54,15 @@ class Varying:
     noise: bool = False
 
     def input(self, mean: float, seed: int) -> Any:
-        """Return the weight as an input, with the mean `mean` [N]. The seed is the seed of the noise, or chooses the phase of the sine."""
+        """Return the weight as an input, with the mean `mean` [N]. The seed is the seed of the noise, or chooses the phase of the sine.
+
+        Parameters
+        ----------
+        mean
+            Mean weight on bit [N].
+        seed
+            Whole number, by which noise and phase are chosen.
+        """
         varied = (mean, self.size * mean, self.frequency)
         return (
             shapes.noise(*varied, seed=seed)

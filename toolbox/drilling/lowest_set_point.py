@@ -369,7 +369,13 @@ class LowestSetPoints(Result):
         return set_point_diagram(rows, self.bounds[1] * factor, unit, ax)
 
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
-        """Return one result with the entries of this result and then of the other result."""
+        """Return one result with the entries of this result and then of the other result.
+
+        Parameters
+        ----------
+        other
+            The other result, for the same loop with other groups or protocols.
+        """
         return dataclasses.replace(self, entries={**self.entries, **other.entries})
 
 

@@ -278,6 +278,11 @@ class HybridSystem(Renamed):
 
         The size is the number of entries of a vector state. It is None for a scalar state and for one entry of a vector
         state. For a name that is neither a state nor an entry, return None in place of the tuple.
+
+        Parameters
+        ----------
+        name
+            Name of the state or entry.
         """
         if not isinstance(name, str):
             return None
@@ -289,11 +294,23 @@ class HybridSystem(Renamed):
         return None
 
     def has_signal(self, name: object) -> bool:
-        """Return True if the name is a signal, an input, or one entry of a vector state."""
+        """Return True if the name is a signal, an input, or one entry of a vector state.
+
+        Parameters
+        ----------
+        name
+            The name, such as "bit.speed".
+        """
         return isinstance(name, str) and (name in self.signals or name in self.inputs or self.state_index(name) is not None)
 
     def has_parameter(self, name: str) -> bool:
-        """Return True if the name is a parameter, or one entry of a tuple of parameters."""
+        """Return True if the name is a parameter, or one entry of a tuple of parameters.
+
+        Parameters
+        ----------
+        name
+            The name, such as "bit.weight".
+        """
         head, _, tail = name.rpartition(".")
         return name in self.parameters or (head in self.parameters and tail.isdigit() and int(tail) < (self.parameters[head].size or 0))
 
@@ -301,6 +318,11 @@ class HybridSystem(Renamed):
         """Return the unit of a signal, an input, a parameter, or one entry of a vector state or tuple.
 
         Raises SceneError if the name is unknown.
+
+        Parameters
+        ----------
+        name
+            The name, such as "bit.speed".
         """
         if isinstance(name, str) and self.has_signal(name):
             return self.signal_unit(name)
@@ -311,7 +333,13 @@ class HybridSystem(Renamed):
         return self._parameter(name).unit
 
     def element(self, name: str) -> Element:
-        """Return the element with this name. Raises SceneError if there is no such element."""
+        """Return the element with this name. Raises SceneError if there is no such element.
+
+        Parameters
+        ----------
+        name
+            Name of the element, such as "bit".
+        """
         found = next((element for element in self.elements if element.name == name), None)
         if found is None:
             raise self.unknown_element_error(name)
@@ -340,7 +368,13 @@ class HybridSystem(Renamed):
         return names.index(leader), {int(side * mode): word for mode, word in element.mode_names.items()}
 
     def unknown_element_error(self, name: str) -> SceneError:
-        """Return the SceneError to raise if a name is no element. A contact without modes (a friction law with memory) is no element."""
+        """Return the SceneError to raise if a name is no element. A contact without modes (a friction law with memory) is no element.
+
+        Parameters
+        ----------
+        name
+            The name that was given.
+        """
         if name in self.modeless:
             return SceneError(
                 f"`{name}` has no modes and never sticks exactly, because its friction law, {self.modeless[name]}, has a memory: judge the severity of a "
@@ -349,7 +383,13 @@ class HybridSystem(Renamed):
         return SceneError(f"There is no element `{name}`: {suggest(name, [element.name for element in self.elements])}")
 
     def signal_unit(self, name: str) -> str:
-        """Return the unit of a signal, an input, or one entry of a vector state. Raises SceneError for any other name."""
+        """Return the unit of a signal, an input, or one entry of a vector state. Raises SceneError for any other name.
+
+        Parameters
+        ----------
+        name
+            The name, such as "bit.speed".
+        """
         rows = self.state_index(name)
         if rows is not None:
             return rows[2]
@@ -359,6 +399,11 @@ class HybridSystem(Renamed):
         """Return a signal, an input, or one entry of a vector state as an expression in the symbols t, x, u, p, F and m.
 
         Raises SceneError if the name is unknown.
+
+        Parameters
+        ----------
+        name
+            The name, such as "bit.speed".
         """
         if isinstance(name, str) and name in self.signals:
             return self.signals[name][0]
@@ -366,11 +411,23 @@ class HybridSystem(Renamed):
         return self._input(name).symbol if rows is None else self.x[rows[0]]
 
     def substitute_forces(self, expression: ca.SX) -> ca.SX:
-        """Return an expression in which the symbols F are replaced by the forces as functions of t, x, u, p and m."""
+        """Return an expression in which the symbols F are replaced by the forces as functions of t, x, u, p and m.
+
+        Parameters
+        ----------
+        expression
+            Casadi expression in the symbols of the plant.
+        """
         return ca.substitute(expression, self.F, self.switched_equations.force) if self.elements else expression
 
     def input(self, name: str) -> Input:
-        """Return the input with this name. Raises SceneError if there is no such input."""
+        """Return the input with this name. Raises SceneError if there is no such input.
+
+        Parameters
+        ----------
+        name
+            Name of the input, such as "top.torque".
+        """
         if name in self.inputs:
             return self.inputs[name]
         if name in self.signals:
@@ -383,7 +440,13 @@ class HybridSystem(Renamed):
         return self.inputs[name]
 
     def parameter(self, name: str) -> Any:
-        """Return the declared value of a parameter in SI: a float, or an array for a tuple. Raises SceneError if the name is unknown."""
+        """Return the declared value of a parameter in SI: a float, or an array for a tuple. Raises SceneError if the name is unknown.
+
+        Parameters
+        ----------
+        name
+            Name of the parameter, such as "bit.radius", or of a tuple of parameters, such as "chain.inertia".
+        """
         entry = self._parameter(name)
         if entry.size is None:
             return float(self.values[entry.offset])

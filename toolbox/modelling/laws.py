@@ -618,7 +618,13 @@ class Takeover(Controller):
         return self.after.actuated_signals
 
     def design(self, plant: HybridSystem) -> Controller:
-        """Return the takeover with both controllers designed on the plant."""
+        """Return the takeover with both controllers designed on the plant.
+
+        Parameters
+        ----------
+        plant
+            The plant on which both controllers are designed.
+        """
         return dataclasses.replace(self, before=designed(self.before, plant), after=designed(self.after, plant))
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:

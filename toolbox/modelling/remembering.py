@@ -43,7 +43,13 @@ class Stateful(Renamed):
         )
 
     def set_memory(self, values: FloatArray) -> None:
-        """Restore a memory that `get_memory` returned at this sample or at an earlier one."""
+        """Restore a memory that `get_memory` returned at this sample or at an earlier one.
+
+        Parameters
+        ----------
+        values
+            The array that `get_memory` returned, shape (n,).
+        """
         place = 0
         for name in self.memory_fields:
             part = getattr(self, name)

@@ -228,6 +228,11 @@ class SeverityMap(Told, Result):
     def plot(self, axes: Any = None) -> Any:
         """Draw the severity from smooth running and from stick-slip side by side, with all borders
         (`toolbox.onsets.figures.severity_panels`). Return the axes.
+
+        Parameters
+        ----------
+        axes
+            Two matplotlib axes to draw on. By default None: a new figure.
         """
         from toolbox.onsets.figures import severity_panels
 
@@ -249,7 +254,13 @@ class SeverityMap(Told, Result):
         return [*headings, "growth [1/s]"], rows
 
     def save_borders(self, path: str | Path) -> Path:
-        """Write the borders as csv in SI units, atomically: one row per segment with the border and both numbers at both ends."""
+        """Write the borders as csv in SI units, atomically: one row per segment with the border and both numbers at both ends.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+        """
         rows: list[list[object]] = [
             [BORDERS[name], *map(float, np.ravel(segment))] for name, segments in self.borders.items() for segment in segments
         ]

@@ -91,7 +91,13 @@ class Branch(Renamed):
         return np.array([cycle.stable for cycle in self.cycles])
 
     def extremes(self, signal: str) -> FloatArray:
-        """Return the smallest and the largest value of a signal over each cycle, shape (points, 2)."""
+        """Return the smallest and the largest value of a signal over each cycle, shape (points, 2).
+
+        Parameters
+        ----------
+        signal
+            Name of a scalar signal, such as "block.speed".
+        """
         return np.array([cycle.extremes(signal) for cycle in self.cycles])
 
     def plot(self, signal: str | None = None, ax: Any = None) -> Any:

@@ -116,7 +116,13 @@ class Rollout:
         return twin
 
     def modes(self, state: np.ndarray) -> np.ndarray:
-        """Return the mode of each contact at a state, shape (contacts,): the sign of its slip, 0 if the slip is exactly zero."""
+        """Return the mode of each contact at a state, shape (contacts,): the sign of its slip, 0 if the slip is exactly zero.
+
+        Parameters
+        ----------
+        state
+            States of the plant, shape (n,).
+        """
         if not self.contacts:
             return np.zeros(0)
         if self.slip is not None:

@@ -149,7 +149,13 @@ class Draws(Renamed):
     independent: Mapping[str, Any] = field(default_factory=dict)
 
     def also(self, others: Mapping[str, Any]) -> Draws:
-        """Return these draws together with additional independent numbers {name: distribution}."""
+        """Return these draws together with additional independent numbers {name: distribution}.
+
+        Parameters
+        ----------
+        others
+            {name: distribution} of the additional numbers.
+        """
         return Draws(self.values, {**self.independent, **others})
 
 

@@ -130,6 +130,11 @@ class UncertainOnset(Told, Result):
         """Return {drawn number: rank correlation with the border of a controller}, the strongest correlation first.
 
         The correlation is nan if the border does not vary. `label` is the label of the controller.
+
+        Parameters
+        ----------
+        label
+            Label of the controller.
         """
         from scipy.stats import spearmanr
 

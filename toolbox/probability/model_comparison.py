@@ -57,6 +57,11 @@ class ModelComparison(Told, Result):
         """Return (loss, standard error) of a model in the prediction of the metrics in `left_out`, relative to the best model.
 
         The loss is a difference of logarithms of predictive densities. It is (0, 0) for the best model.
+
+        Parameters
+        ----------
+        label
+            Label of the model.
         """
         best = max(self.log_scores, key=lambda each: float(self.log_scores[each].sum()))
         apart = self.log_scores[best] - self.log_scores[label]

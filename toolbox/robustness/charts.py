@@ -85,7 +85,13 @@ class StabilityChart(Result):
         return [*self.names, "growth", "disk_margin"], rows
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the stable region with lines of equal disk margin, and return the axes."""
+        """Draw the stable region with lines of equal disk margin, and return the axes.
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.response_figures import stability_diagram
 
         return stability_diagram(self, ax)

@@ -185,7 +185,13 @@ class DescribingFunction(Result):
         return [f"amplitude [{slip}]", f"gain [{force}/({slip})]"], np.column_stack([self.amplitude, self.gain])[known].tolist()
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the describing function N over the amplitude with the predicted cycles, and G in the complex plane. Return both axes."""
+        """Draw the describing function N over the amplitude with the predicted cycles, and G in the complex plane. Return both axes.
+
+        Parameters
+        ----------
+        axes
+            Two matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.response_figures import describing_diagram
 
         return describing_diagram(self, axes)

@@ -200,7 +200,13 @@ class SmallestError(Told, Result):
         return headings, rows
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the errors found in the range of each number (`toolbox.robustness.figures.error_diagram`), and return the axes."""
+        """Draw the errors found in the range of each number (`toolbox.robustness.figures.error_diagram`), and return the axes.
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.figures import error_diagram
 
         sizes = {"every run succeeds": self.largest_tolerated, "guaranteed (mu)": self.guaranteed_size}

@@ -138,6 +138,11 @@ class Margins(Told, Result):
         """Draw the Nyquist curve with the disk of the disk margin, and the sensitivities. Return both axes.
 
         See `toolbox.robustness.figures.margins_diagram`. Raises SceneError if there is no linear loop.
+
+        Parameters
+        ----------
+        axes
+            Two matplotlib axes to draw on. By default None: a new figure.
         """
         if self.linear_loop is None:
             raise SceneError(f"There is no linear loop to be drawn: {self.reason}.")

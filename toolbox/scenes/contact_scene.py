@@ -62,7 +62,13 @@ class ContactScene(Labelled):
 
     @staticmethod
     def load(path: str | Path) -> ContactScene:
-        """Read and check the scene in a TOML file. Raises one SceneError that names the file and the fault."""
+        """Read and check the scene in a TOML file. Raises one SceneError that names the file and the fault.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+        """
         path = Path(path)
         try:
             scene = ContactScene(**_read(path))
@@ -72,7 +78,13 @@ class ContactScene(Labelled):
         return scene
 
     def run(self, label: str) -> ContactRun:
-        """Run one case, given by its label. Raises the errors of `step_contacts`, and SceneError if the body has no state of rest as a start."""
+        """Run one case, given by its label. Raises the errors of `step_contacts`, and SceneError if the body has no state of rest as a start.
+
+        Parameters
+        ----------
+        label
+            Label of the case.
+        """
         case, problem = self.case(label), self._problem()
         rest = self._rest(problem, case)
         return step_contacts(problem, self.duration, step=self.step, inputs=self._inputs(case), controller=case.controller, start=rest)

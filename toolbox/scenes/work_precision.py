@@ -87,6 +87,11 @@ class WorkPrecision(Told, Result):
         """Return the fastest run whose error is at most `error`. Return None if no run has such a small error.
 
         Raises SceneError if `error` is below `reference_error`, because smaller errors of a run are not known.
+
+        Parameters
+        ----------
+        error
+            Largest allowed error [1].
         """
         if not error >= self.reference_error:
             raise SceneError(
@@ -110,6 +115,11 @@ class WorkPrecision(Told, Result):
         """Draw computing time against error on logarithmic axes, one line per method and plant.
 
         Errors in the grey band are below the uncertainty of the reference. Return the axes.
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
         """
         from toolbox.scenes.figures import work_precision
 

@@ -120,11 +120,27 @@ class EventExact(Method):
     chooses: ClassVar[bool] = True
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Return the formulas of a step for this accuracy and plant: Taylor series, or explicit formulas if a series is impossible."""
+        """Return the formulas of a step for this accuracy and plant: Taylor series, or explicit formulas if a series is impossible.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return self.unwatched(accuracy, system).formulas(accuracy, system)
 
     def unwatched(self, accuracy: float, system: HybridSystem) -> Method:
-        """Return the method that is used while the plant is not stiff: Taylor series, or explicit formulas if a series is impossible."""
+        """Return the method that is used while the plant is not stiff: Taylor series, or explicit formulas if a series is impossible.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return Explicit() if without_series(accuracy, system) else TaylorSeries()
 
 
@@ -177,13 +193,27 @@ class TaylorSeries(Method):
     order: int | None = None
 
     def check(self, duration: float) -> None:
-        """Raise SceneError unless the order is a whole number from 6 to 30."""
+        """Raise SceneError unless the order is a whole number from 6 to 30.
+
+        Parameters
+        ----------
+        duration
+            Length of the run [s].
+        """
         super().check(duration)
         if self.order is not None:
             whole("order", self.order, 6, 30)
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Return a Taylor series of the given order, or of the order that follows from the accuracy."""
+        """Return a Taylor series of the given order, or of the order that follows from the accuracy.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return Taylor(self.order or 16)
 
 
@@ -203,7 +233,15 @@ class Implicit(Method):
     text: ClassVar[str] = "stiff"
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Return RODAS5P, a linearly implicit method of order 5."""
+        """Return RODAS5P, a linearly implicit method of order 5.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return RODAS5P
 
 
@@ -234,14 +272,28 @@ class TimeStepping(Method):
     step: float | None = None
 
     def check(self, duration: float) -> None:
-        """Raise SceneError unless the step is a positive number and long enough for the budget."""
+        """Raise SceneError unless the step is a positive number and long enough for the budget.
+
+        Parameters
+        ----------
+        duration
+            Length of the run [s].
+        """
         super().check(duration)
         if self.step is not None:
             number("step", self.step, "s", above=0)
             number("step", self.step, "s", at_least=duration / self.budget.steps)
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Return the theta method of Moreau and Jean."""
+        """Return the theta method of Moreau and Jean.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return MOREAU_JEAN
 
     @property
@@ -286,7 +338,15 @@ class Smoothing(Method):
     tolerance: float | None = None
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Return RODAS5P, a linearly implicit method, because regularised friction is stiff."""
+        """Return RODAS5P, a linearly implicit method, because regularised friction is stiff.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return RODAS5P
 
     @property

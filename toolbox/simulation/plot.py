@@ -80,10 +80,22 @@ class Pictured(Protocol):
     def __getitem__(self, name: str) -> Any: ...
 
     def unit(self, name: str) -> str:
-        """Return the unit of a signal."""
+        """Return the unit of a signal.
+
+        Parameters
+        ----------
+        name
+            Name of the signal.
+        """
 
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
-        """Return the phases of one element in order, as (begin [s], end [s], name of the mode)."""
+        """Return the phases of one element in order, as (begin [s], end [s], name of the mode).
+
+        Parameters
+        ----------
+        element
+            Name of the element, such as "bit".
+        """
 
 
 def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Any:

@@ -338,7 +338,7 @@ def dither_map(
     depths
         Amplitudes of the alternation as fractions of `mean`, shape (n_depths,).
     periods
-        Length of a run in natural periods.
+        Length of a run in natural periods, by default 80.
     other_load
         Part of the load that another input gives [N], by default 0. For the input `brake.disturbance`, for example, it
         is the constant `brake.force`.

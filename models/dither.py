@@ -106,7 +106,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     frequency
         Frequency of the dither [Hz], far above the frequencies to which the plant responds.
     drag
-        Viscous drag that acts in addition to the friction [force of the contact per unit of slip speed].
+        Viscous drag that acts in addition to the friction [force of the contact per unit of slip speed], by default 0.
 
     Returns
     -------

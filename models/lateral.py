@@ -191,7 +191,7 @@ class WhirlingCollar(Component):
         Parameters
         ----------
         weight, torque
-            Weight on bit [N] and torque on bit [N m], which reduce the stiffness k_l.
+            Weight on bit [N] and torque on bit [N m], which reduce the stiffness k_l, by default 0.
         friction
             Coefficient of friction mu. By default the static coefficient of the friction law.
 
@@ -258,7 +258,7 @@ def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None,
     after, until
         Begin and end of the window [s]. By default the whole run.
     name
-        Name of the collar.
+        Name of the collar, by default "collar".
 
     Returns
     -------

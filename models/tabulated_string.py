@@ -78,32 +78,32 @@ class DrillString(TorsionalChain):
         top_inertia
             Inertia of the rigid rotating parts at the top, seen from the string: motor and gears [kg m2].
         bit_inertia
-            Rigid inertia at the bit [kg m2].
+            Rigid inertia at the bit [kg m2], by default 0.
         band
-            Frequency [Hz] up to which natural frequencies are accurate to 1 %. The number of elements follows from it
-            (see `models.lumping`). Friction along the string may need more elements than the vibration of the whole
-            string: `python -m studies detail` prints the influence and the cost of more elements.
+            Frequency [Hz] up to which natural frequencies are accurate to 1 %, by default 2. The number of elements
+            follows from it (see `models.lumping`). Friction along the string may need more elements than the vibration
+            of the whole string: `python -m studies detail` prints the influence and the cost of more elements.
         elements
             Number of elements, in place of the band. The number of inertias is larger by one.
         friction
             Friction law of the string in its borehole, with coefficients mu. Only inertias with a side force get a
             contact.
         on_bottom
-            Whether the last inertia is left to the rock (`BitRock`), as in a string that drills. The inertia above it
-            then gets its share of the friction.
+            Whether the last inertia is left to the rock (`BitRock`), as in a string that drills, by default False. The
+            inertia above it then gets its share of the friction.
         mud_density
-            Density of the mud for buoyancy [kg/m3]; 0 for none.
+            Density of the mud for buoyancy [kg/m3]; 0 for none, by default 0.
         doglegs
-            Whether the side force n includes the effect of the tension in curved parts of the borehole (Johancsik).
-            Otherwise n = w sin(inc), with the weight per length w.
+            Whether the side force n includes the effect of the tension in curved parts of the borehole (Johancsik), by
+            default False. Otherwise n = w sin(inc), with the weight per length w.
         weight_on_bit
-            Weight on bit [N], which reduces the tension that `doglegs` uses.
+            Weight on bit [N], which reduces the tension that `doglegs` uses, by default 0.
         drag_rate
-            Viscous drag per inertia of the string [1/s].
+            Viscous drag per inertia of the string [1/s], by default 0.
         internal_damping
-            Damping of the springs per stiffness [s].
+            Damping of the springs per stiffness [s], by default 0.
         top_drag, bit_drag
-            Drag at the ends [N m s/rad].
+            Drag at the ends [N m s/rad], by default 0.
         end_depth
             Measured depth at which the string ends [m]. The length of the first section, the drill pipe, is changed to
             fit. The sections below it keep their length.

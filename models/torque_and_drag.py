@@ -125,7 +125,7 @@ class TorqueDrag(Result):
         Parameters
         ----------
         label
-            Name of the motion of the string, for the legend.
+            Name of the motion of the string, for the legend, by default "".
         axes
             The two axes of an earlier figure, to which another motion of the same string is added.
 
@@ -193,21 +193,21 @@ def torque_drag(
         the top, if it differs over depth: each factor holds down to its measured depth [m]. The last depth must reach
         the end of the string: `[("2200 m", 0.2), ("3800 m", 0.3)]` for a casing above an open hole.
     axial_speed
-        Speed along the borehole [m/s], positive downwards, negative while the string is pulled.
+        Speed along the borehole [m/s], positive downwards, negative while the string is pulled, by default 0.
     turning_speed
-        Speed of rotation [rad/s]. Only the ratio of both speeds matters.
+        Speed of rotation [rad/s], by default 0. Only the ratio of both speeds matters.
     load_at_top
         Hook load [N], or torque [N m] for rotation, that acts at the top of a string that was at rest before and either
         slides or rotates. If this load is too small to move the whole string, only the part above some depth moves. By
         default the whole string moves.
     mud_density
-        Density of the mud for buoyancy [kg/m3].
+        Density of the mud for buoyancy [kg/m3], by default 0.
     weight_on_bit
-        Weight on bit [N].
+        Weight on bit [N], by default 0.
     bit_torque
-        Torque on bit [N m], if the whole string turns.
+        Torque on bit [N m], if the whole string turns, by default 0.
     overpull
-        Tension at the bit of a string that is stuck there and pulled [N].
+        Tension at the bit of a string that is stuck there and pulled [N], by default 0.
 
     Returns
     -------
@@ -498,13 +498,13 @@ def torque_drag_operations(
     friction
         Friction factor between string and borehole [1], or pairs (depth, factor) from the top, as for `torque_drag`.
     mud_density
-        Density of the mud for buoyancy [kg/m3].
+        Density of the mud for buoyancy [kg/m3], by default 0.
     weight_on_bit
-        Weight on bit on bottom [N].
+        Weight on bit on bottom [N], by default 0.
     bit_torque
-        Torque on bit on bottom [N m].
+        Torque on bit on bottom [N m], by default 0.
     overpull
-        Tension at a stuck bit [N]. 0 leaves this operation out.
+        Tension at a stuck bit [N], by default 0. 0 leaves this operation out.
     display_units
         {SI unit: unit in which tables show it}.
 

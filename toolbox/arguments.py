@@ -53,7 +53,7 @@ def number(
     given
         A number in the unit, of Python or of numpy, or text with a unit that fits, such as "220 rpm".
     unit
-        Unit of the result, such as "rad/s".
+        Unit of the result, such as "rad/s", by default "1".
     above, at_least, below, at_most
         Bounds in this unit: >, >=, < and <=. None for no bound.
 
@@ -93,7 +93,7 @@ def numbers(word: str, given: Any, unit: str = "1", **bounds: float) -> list[flo
     given
         A row of numbers in the unit, or of texts with a unit that fits.
     unit
-        Unit of the result.
+        Unit of the result, by default "1".
     bounds
         Bounds `above`, `at_least`, `below` and `at_most` of every number, in this unit.
 

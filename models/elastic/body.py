@@ -273,9 +273,10 @@ class ElasticBody(Renamed):
         ports
             {name: weights w of the displacement w^T u, shape (n,)}, linearly independent.
         band
-            Frequency [Hz] up to which every natural frequency of the body is accurate. 0 for the static response alone.
+            Frequency [Hz] up to which every natural frequency of the body is accurate, by default 0. 0 for the static
+            response alone.
         tolerance
-            Relative error of these natural frequencies.
+            Relative error of these natural frequencies, by default 0.01.
 
         Returns
         -------

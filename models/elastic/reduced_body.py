@@ -266,7 +266,8 @@ class ReducedBody(Renamed):
         normal
             Prefix of the ports of the normal displacements, for contacts that open and close.
         normal_sign
-            1 if a positive normal displacement closes the gap, -1 if it opens the gap, as for z above a plate.
+            1 if a positive normal displacement closes the gap, -1 if it opens the gap, as for z above a plate, by
+            default -1.
         load
             Constant normal loads [N], shape (contacts,), in place of `normal`.
         gap

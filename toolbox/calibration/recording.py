@@ -201,7 +201,7 @@ class Recording(Result):
         names
             The signals. By default all.
         max_gap
-            Number of consecutive samples that may be missing.
+            Number of consecutive samples that may be missing, by default 2.
         """
         usual, longest = local_spacing(self.time)
         good = np.all([np.isfinite(self.signals[self._known(name)]) for name in (self.signals if names is None else names)], axis=0)
@@ -320,7 +320,7 @@ class Recording(Result):
         name, against
             The channels.
         max_lag
-            Largest shift [s].
+            Largest shift [s], by default 5.
 
         Raises
         ------

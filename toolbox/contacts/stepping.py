@@ -132,8 +132,8 @@ def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None =
     inputs
         {input: constant value}. Inputs that are left out are 0.
     frictionless
-        Whether friction is left out, for example while a body settles before it is pulled. Contacts then count as
-        slipping and carry no tangential force.
+        Whether friction is left out, for example while a body settles before it is pulled, by default False. Contacts
+        then count as slipping and carry no tangential force.
 
     Returns
     -------

@@ -81,11 +81,11 @@ def answers(
         {number of the loop: fraction of its value to either side, or several factors}, as in `worst_case`. By default
         10 % of the weight on bit to either side, if the plant has a weight on bit.
     phases
-        Number of instants of the stick-slip cycle at which a controller takes over.
+        Number of instants of the stick-slip cycle at which a controller takes over, by default 4.
     duration
-        Shortest length of a run [s]. A run whose outcome is not decided at this time is continued.
+        Shortest length of a run [s], by default 200. A run whose outcome is not decided at this time is continued.
     title
-        Name of the plant in the tables.
+        Name of the plant in the tables, by default "".
     checkpoint
         Path of a file (JSON lines) for the outcomes of single set-points. A search that was stopped continues from this
         file.

@@ -237,9 +237,9 @@ def estimate(
     knowledge
         Prior knowledge about machine and measurement. By default `Knowledge()`.
     members
-        Number of members of the ensemble.
+        Number of members of the ensemble, by default 64.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------

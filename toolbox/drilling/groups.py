@@ -178,9 +178,9 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
     machine
         The drill string, or a loop around it.
     noise
-        Standard deviation of the noise of the measured top speed [rad/s].
+        Standard deviation of the noise of the measured top speed [rad/s], by default 0.01.
     delay
-        Additional delay of the commands [s] on one plant of `one_at_a_time`.
+        Additional delay of the commands [s] on one plant of `one_at_a_time`, by default 0.03.
 
     Returns
     -------
@@ -268,7 +268,7 @@ def drawn_group(
     phases
         Phases of the cycle at which a controller takes over on each plant, as fractions of its period.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------

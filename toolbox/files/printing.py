@@ -68,7 +68,7 @@ def columns(rows: Sequence[Sequence[str]], left: Container[int] = (0,), indent: 
     left
         Indices of columns that are aligned left. All other columns are aligned right.
     indent
-        Beginning of every line.
+        Beginning of every line, by default "  ".
 
     Returns
     -------

@@ -54,9 +54,9 @@ def opened(path: str | Path, most: int = LARGEST, what: str = "file", apart: boo
     most
         Largest size [byte].
     what
-        Description of the expected contents of the file, for messages, such as "log".
+        Description of the expected contents of the file, for messages, such as "log", by default "file".
     apart
-        Whether the file is an earlier result or a checkpoint rather than an input of a command.
+        Whether the file is an earlier result or a checkpoint rather than an input of a command, by default False.
 
     Returns
     -------

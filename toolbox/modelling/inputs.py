@@ -276,7 +276,7 @@ def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) ->
     frequency
         Frequency [Hz].
     phase
-        Phase at the time 0 [rad].
+        Phase at the time 0 [rad], by default 0.
 
     Returns
     -------
@@ -347,7 +347,7 @@ def noise(mean: float, deviation: float, corner: float, seed: float = 0) -> Shap
         Corner frequency [Hz], > 0. 57 % of the power lies below the corner frequency, and none above five times the
         corner frequency.
     seed
-        Whole number from 0 to a million. Another seed gives another realisation.
+        Whole number from 0 to a million, by default 0. Another seed gives another realisation.
 
     Returns
     -------

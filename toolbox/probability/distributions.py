@@ -202,7 +202,7 @@ def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: 
     runs
         Number of draws, >= 1.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------

@@ -229,18 +229,18 @@ def uncertain_onset(
         {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
         8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together.
     draws
-        Number of machines, the same for all controllers. 72 draws are the least with which 95 % can be shown by
-        two-sided bounds of 95 %.
+        Number of machines, the same for all controllers, by default 200. 72 draws are the least with which 95 % can be
+        shown by two-sided bounds of 95 %.
     num_values
-        Number of values of the range that are examined before borders are halved, >= 3.
+        Number of values of the range that are examined before borders are halved, >= 3, by default 13.
     tolerance
         Width to which borders are halved. By default 1/50 of the range.
     accuracy
-        Target for the global error of the runs, between 1e-13 and 0.1.
+        Target for the global error of the runs, between 1e-13 and 0.1, by default 0.0001.
     confidence
-        Confidence level of the bounds.
+        Confidence level of the bounds, by default 0.95.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------

@@ -138,11 +138,11 @@ def compare_models(
     metrics
         {name in `data`: metric}, for names that are no names of metrics themselves, such as a metric in a window.
     draws
-        Number of draws of each posterior, >= 32.
+        Number of draws of each posterior, >= 32, by default 256.
     accuracy
-        Target for the global error of the runs, between 1e-13 and 0.1.
+        Target for the global error of the runs, between 1e-13 and 0.1, by default 0.0001.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
     checkpoint
         Folder that keeps the likelihoods. The same call after an interruption continues from this folder.
 

@@ -33,7 +33,8 @@ def report(*results: Any, path: str | os.PathLike[str], title: str | None = None
     title
         Title of the page. By default the title of the first result.
     pdf
-        Whether a PDF is written beside the page, by Chromium or by WeasyPrint, one of which must be installed.
+        Whether a PDF is written beside the page, by Chromium or by WeasyPrint, one of which must be installed, by
+        default False.
 
     Returns
     -------

@@ -114,7 +114,7 @@ def performance_limit(
     period
         Sample time [s]. None for continuous controllers.
     delay
-        Delay of the commands [s], for sampled controllers only.
+        Delay of the commands [s], for sampled controllers only, by default 0.
 
     Returns
     -------

@@ -450,7 +450,7 @@ def stacked_panels(rows: int, height: float, extra: float, sharey: bool = False)
     extra
         Height that is added to the heights of the panels [inch], for title and labels.
     sharey
-        Whether the panels share their vertical axis, too.
+        Whether the panels share their vertical axis, too, by default False.
 
     Returns
     -------

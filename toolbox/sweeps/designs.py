@@ -127,7 +127,7 @@ def uniform(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0)
     runs
         Number of runs.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def latin_hypercube(ranges: Mapping[str, tuple[float, float]], runs: int, seed: 
     runs
         Number of runs.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------
@@ -191,7 +191,7 @@ def sobol(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -
     runs
         Number of runs. The sequence is balanced only if this number is a power of two.
     seed
-        Seed of the scrambling.
+        Seed of the scrambling, by default 0.
 
     Returns
     -------

@@ -206,7 +206,8 @@ class GroanBorder(NamedTuple):
     border_growth: float = 0.0
 
     def at(self, speed: float) -> float:
-        """Return the border [N] at a disc speed [rad/s] >= 0. If two pieces meet at this speed, the piece of the higher speeds is used.
+        """Return the border [N] at a disc speed [rad/s] >= 0. If two pieces of the border meet at this speed, the
+        result belongs to the piece of the higher speeds.
 
         Parameters
         ----------
@@ -225,7 +226,8 @@ class GroanBorder(NamedTuple):
 
 
 def groan_border(plant: HybridSystem) -> GroanBorder:
-    """Find the force of one pad above which the pad of a disc brake loses its damping, as a function of the disc speed.
+    """Find the force of one pad above which a disc brake groans, because the pad loses its damping, as a function of
+    the disc speed.
 
     The pad keeps its damping while 2 N s(r w) < c. Here s is the decrease of the friction coefficient per unit of slip
     speed, r the effective radius, w the disc speed and c the damping of the caliper.

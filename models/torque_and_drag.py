@@ -31,9 +31,8 @@ STEP = 5.0
 
 @dataclass(frozen=True)
 class TorqueDrag(Result):
-    """Tension and torque along a drill string in its borehole, from the top down.
-
-    `plot()` draws them.
+    """Tension and torque along a drill string in its borehole, from the top down: the result of `torque_drag`. The
+    method `plot` draws both.
 
     Attributes
     ----------
@@ -125,9 +124,10 @@ class TorqueDrag(Result):
         Parameters
         ----------
         label
-            Name of the motion of the string, for the legend, by default "".
+            Name of the motion of the string, for the legend, by default empty.
         axes
-            The two axes of an earlier figure, to which another motion of the same string is added.
+            The two axes of an earlier figure, to which another motion of the same string is added. By default None: a
+            new figure.
 
         Returns
         -------
@@ -179,8 +179,9 @@ def torque_drag(
     bit_torque: Annotated[NumberOrText, "N m"] = 0.0,
     overpull: Annotated[NumberOrText, "N"] = 0.0,
 ) -> TorqueDrag:
-    """Compute torque and drag of a string that moves in its borehole, or of the part of it that moves under a given load
-    at the top.
+    """Compute torque and drag of a drill string that moves in its borehole.
+
+    Under a given load at the top, only the upper part of the string may move.
 
     Parameters
     ----------
@@ -373,8 +374,8 @@ def _stepped(slope: Callable[[int, int, float], tuple[float, float]], k: int, pu
 class TorqueDragOperations(Result):
     """Torque and drag of one string in the usual operations of a rig.
 
-    `torque_drag_operations` returns it. With the result `found`, `found["picking up"]` is the `TorqueDrag` of the
-    operation "picking up".
+    The function `torque_drag_operations` returns such a result. With the name `found` for it, `found["picking up"]` is
+    the `TorqueDrag` of the operation "picking up".
 
     Attributes
     ----------
@@ -496,7 +497,8 @@ def torque_drag_operations(
     survey
         Survey of the borehole, or the path of a table that `read_survey` reads.
     friction
-        Friction factor between string and borehole [1], or pairs (depth, factor) from the top, as for `torque_drag`.
+        Friction factor: coefficient of friction between string and borehole [1], >= 0. Or pairs (depth, factor) from
+        the top: each factor holds down to its measured depth [m], and the last depth must reach the end of the string.
     mud_density
         Density of the mud for buoyancy [kg/m3], by default 0.
     weight_on_bit
@@ -504,9 +506,10 @@ def torque_drag_operations(
     bit_torque
         Torque on bit on bottom [N m], by default 0.
     overpull
-        Tension at a stuck bit [N], by default 0. 0 leaves this operation out.
+        Tension at a stuck bit [N]. By default 0: this operation is left out.
     display_units
-        {SI unit: unit in which tables show it}.
+        {SI unit: unit in which tables show the quantity}, such as {"N": "klbf"}. By default the units in which the
+        input was given.
 
     Returns
     -------

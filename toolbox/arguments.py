@@ -55,7 +55,7 @@ def number(
     unit
         Unit of the result, such as "rad/s", by default "1".
     above, at_least, below, at_most
-        Bounds in this unit: >, >=, < and <=. None for no bound.
+        Bounds in this unit: >, >=, < and <=. By default None: no bound.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def whole(word: str, given: Any, at_least: int, at_most: int | None = None) -> i
     given
         The integer.
     at_least, at_most
-        Bounds: >= and <=. None for no upper bound.
+        Bounds: >= and <=. By default None: no upper bound.
 
     Returns
     -------
@@ -246,7 +246,7 @@ def array(word: str, given: Any, shape: Sequence[int | range | None], at_least: 
     shape
         Expected shape. An entry may be a length, a range of lengths, or None for any length.
     at_least
-        Lower bound of all entries. None for no bound.
+        Lower bound of all entries. By default None: no bound.
 
     Returns
     -------

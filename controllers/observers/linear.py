@@ -278,7 +278,9 @@ class DisturbanceObserver(StringObserver):
     All poles of the estimation error are at -bandwidth (Ackermann's formula). `bandwidth` is the only number to tune.
     With a larger bandwidth the estimate follows the rock sooner, but contains more noise.
 
-    Estimates: the same signals as for `Kalman`.
+    Estimates: all states of the string by name, `top.speed` and `bit.speed` [rad/s], `top.load` and `bit.torque` [N m].
+    For a `BitRock` with exponential friction also `bit.friction_scale` [1]: the estimated rock torque as a multiple of
+    the rock torque of the plant at the estimated speed.
 
     Source: textbook (pole placement: K. Ogata, Modern Control Engineering).
 

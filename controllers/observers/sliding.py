@@ -21,7 +21,8 @@ class SlidingObserver(StringObserver):
     layer and reaching are the fields `switching_gain`, `boundary_layer` and `reaching`.
 
     The entry of g for the top speed is 1. While e = 0, the other estimation errors decay with all poles at -bandwidth,
-    for any injection v. Estimates: the same signals as for `Kalman`.
+    for any injection v. Estimates: all states of the string by name, `top.speed` and `bit.speed` [rad/s], `top.load`
+    and `bit.torque` [N m].
 
     - `switching_gain` must be larger than the influence of the estimation errors on the acceleration of the top.
     - The linear term `reaching` e reduces large errors. Without this term the injection would be bounded, and the

@@ -23,8 +23,9 @@ AXES = "xyz"
 class ElasticBody(Renamed):
     """Linear elastic body M u'' + C u' + K u = f from finite elements, with its nodes and the named parts of its surface.
 
-    A port is a weighted mean w^T u of displacements. If the body is joined to another part at a port, a force F on the
-    port loads the body with w F. `point`, `mean` and `node_row_ports` make ports, and `reduced` keeps the ports exactly.
+    A port is a place at which the body is joined to other parts: a weighted mean w^T u of displacements, with weights
+    w. A force F on the port loads the body with w F. The methods `point`, `mean` and `node_row_ports` make ports, and
+    `reduced` keeps the motion of the ports exactly.
 
     Attributes
     ----------
@@ -119,12 +120,13 @@ class ElasticBody(Renamed):
         Parameters
         ----------
         mass, stiffness, damping
-            Paths of the files. If `damping` is None, the body has no damping.
+            Paths of the files. By default `damping` is None: the body has no damping.
         names
             {"mass", "stiffness" or "damping": name of the matrix in its MAT file}. Needed if a file holds several
-            matrices.
+            matrices; by default None.
         places
-            nodes, dof_map and faces, as for `ElasticBody`.
+            The attributes `nodes`, `dof_map` and `faces` of the body, if they are known: coordinates of the nodes [m],
+            shape (k, 1 to 3), indices of their displacements, and areas of named parts of the surface.
 
         Returns
         -------
@@ -151,7 +153,9 @@ class ElasticBody(Renamed):
         return int(self.mass.shape[0])
 
     def face_nodes(self, face: str) -> np.ndarray:
-        """Return the indices of the nodes of a face, ordered by x, then y, then z. Raises SceneError if the body has no face of this name.
+        """Return the indices of the nodes of a face, ordered by x, then y, then z.
+
+        Raises SceneError if the body has no face of this name.
 
         Parameters
         ----------
@@ -164,7 +168,7 @@ class ElasticBody(Renamed):
         return found if self.nodes is None else found[np.lexsort(np.round(self.nodes[found].T, 12)[::-1])]
 
     def clamped(self, nodes: str | Iterable[int], axes: str = AXES) -> ElasticBody:
-        """Return the body with some nodes, or all nodes of a face, held along the given axes, such as "z" or "xyz".
+        """Return the body with some nodes, or all nodes of a face, held at rest along the given axes.
 
         Parameters
         ----------
@@ -185,7 +189,9 @@ class ElasticBody(Renamed):
         return replace(self, **matrices, dof_map=number[self.dof_map])
 
     def point(self, node: int, axis: str) -> np.ndarray:
-        """Return the port that is the displacement of the node with index `node` along an axis ("x", "y" or "z"), as weights w of shape (n,).
+        """Return the port that is the displacement of one node along an axis, as weights w of shape (n,).
+
+        n is the number of displacements of the body.
 
         Parameters
         ----------
@@ -212,10 +218,11 @@ class ElasticBody(Renamed):
         return self._weighted(chosen, self.faces[face][chosen], axis)
 
     def node_row_ports(self, face: str, along: str, axis: str) -> list[np.ndarray]:
-        """Return one port for each row of nodes of a face: the mean displacement of the row along `axis`.
+        """Return one port for each row of nodes of a face, as a list of arrays of weights, each of shape (n,).
 
+        n is the number of displacements of the body. The port of a row is the mean displacement of its nodes along `axis`.
         A row consists of the nodes with the same coordinate along the axis `along`. The rows are in the order of this
-        coordinate. Each port has the shape (n,).
+        coordinate.
 
         Parameters
         ----------
@@ -273,8 +280,8 @@ class ElasticBody(Renamed):
         ports
             {name: weights w of the displacement w^T u, shape (n,)}, linearly independent.
         band
-            Frequency [Hz] up to which every natural frequency of the body is accurate, by default 0. 0 for the static
-            response alone.
+            Frequency [Hz] up to which every natural frequency of the body is accurate. By default 0: only the static
+            response is accurate.
         tolerance
             Relative error of these natural frequencies, by default 0.01.
 

@@ -120,12 +120,12 @@ class Recording(Result):
             {"time": "Time [DD/MM/YYYY]"}, {"time": "Time [HHMMSS]"}. In a MAT file, a mapping, a table of pandas or a
             run, numbers without a unit are SI.
         nulls
-            Further numbers that mean "no value", in the unit of the log.
+            Further numbers that mean "no value", in the unit of the log, by default none.
         accepted_flaws
-            Kinds of flaws that are valid data here, such as "clipped" for a drive at its limit: null, clipped,
-            drop-out, reversed, outlier.
+            Kinds of flaws that are valid data in this recording, such as "clipped" for a drive at its limit, by default
+            none. The kinds are null, clipped, drop-out, reversed, outlier.
         decimal
-            Decimal separator "," or ".", if the log is ambiguous.
+            Decimal separator "," or ".", if the log is ambiguous. By default the numbers of the log decide.
         zero_order_hold
             Inputs that keep the value of a sample until the next one, such as the commands of a digital drive; () for
             none. By default `fit` estimates which inputs are held.

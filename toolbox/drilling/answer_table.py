@@ -85,13 +85,13 @@ def answers(
     duration
         Shortest length of a run [s], by default 200. A run whose outcome is not decided at this time is continued.
     title
-        Name of the plant in the tables, by default "".
+        Name of the plant in the tables, by default empty.
     checkpoint
         Path of a file (JSON lines) for the outcomes of single set-points. A search that was stopped continues from this
-        file.
+        file. By default None: nothing is stored.
     callback
-        Function that is called with the answers so far: for each controller once before and once after the search of
-        its lowest set-points.
+        Function that is called with the answers so far, by default none: for each controller once before and once after
+        the search of its lowest set-points.
 
     Returns
     -------

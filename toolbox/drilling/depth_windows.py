@@ -186,9 +186,10 @@ def windows(
     second_values
         Values of the second number at which windows are read. By default five over its range.
     shape
-        Number of grid points along both numbers, for the map of each depth.
+        Number of grid points along the first and the second number, for the map of each depth, by default (13, 7).
     checkpoint
-        Folder that keeps the points of all maps. A search that was interrupted continues from this folder.
+        Folder that keeps the points of all maps. A search that was interrupted continues from this folder. By default
+        None: nothing is stored.
 
     Returns
     -------

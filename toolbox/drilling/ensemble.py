@@ -264,8 +264,8 @@ class EnsembleFilter:
         speed
             Measured top speed [rad/s]. nan if it was not measured.
         weight
-            Measured weight on bit [N]. If it is None or nan, the last known value is used. Before the first known
-            value, the declared weight is used.
+            Measured weight on bit [N]. If it is None (default) or nan, the last known value is used. Before the first
+            known value, the weight of the plant is used.
 
         Returns
         -------

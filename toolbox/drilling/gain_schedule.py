@@ -234,8 +234,8 @@ def schedule(
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed as a fraction of the set-point [1], and allowed ripple of a command as a
-        fraction of its mean [1], by default 0.02.
+        Allowed error of the mean speed as a fraction of the set-point [1], by default 0.02, and allowed ripple of a
+        command as a fraction of its mean [1], by default 0.05.
 
     Returns
     -------

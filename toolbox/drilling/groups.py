@@ -266,7 +266,8 @@ def drawn_group(
     draws
         Number of plants, by default 72.
     phases
-        Phases of the cycle at which a controller takes over on each plant, as fractions of its period.
+        Phases of the cycle at which a controller takes over on each plant, as fractions of its period, by default 0 and
+        0.5.
     seed
         Seed of the random numbers, by default 0.
 

@@ -52,7 +52,7 @@ def opened(path: str | Path, most: int = LARGEST, what: str = "file", apart: boo
     path
         The file.
     most
-        Largest size [byte].
+        Largest size [byte], by default 4 GiB.
     what
         Description of the expected contents of the file, for messages, such as "log", by default "file".
     apart

@@ -338,9 +338,10 @@ def severity(
     after, until
         Begin and end of the window [s]. By default the whole run.
     definition
-        One of the four definitions above, by default "half-range".
+        One of the four definitions in the table above, by default "half-range".
     reference
-        The set-point, in the SI unit of the signal or as text with a unit. Only for the definition "reference".
+        The set-point, in the SI unit of the signal or as text with a unit. Only for the definition "reference", by
+        default None.
 
     Returns
     -------

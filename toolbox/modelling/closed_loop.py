@@ -346,9 +346,7 @@ class ClosedLoop(Printed):
         """
         number = self.number(name)
         if number.overridden is not None:
-            given = number.overridden in self.system.inputs
-            why = f"the input `{number.overridden}` takes its place: vary that one" if given else f"a law drives `{number.overridden}`"
-            raise SceneError(f"Argument `{name}` must have an effect to be varied, but {why}.")
+            raise SceneError(f"Argument `{name}` must have an effect to be varied, but {why_without_effect(self, number.overridden)}.")
         return number
 
     def differentiable_number(self, name: str, function: str, allowed: Callable[[Number], bool] = lambda number: False) -> Number:
@@ -462,7 +460,8 @@ class ClosedLoop(Printed):
         for word, given in (("inputs", self.inputs), ("parameters", self.parameters), ("start", self.start)):
             if given:
                 lines.append(f"  {word}: " + ", ".join(f"{name} {self._read(name, value)}" for name, value in given.items()))
-        lines += [f"  {name} has no effect, because the input {taking} takes its place" for name, taking in self.overriding_inputs.items()]
+        without_effect = {name: why_without_effect(self, taking).replace("`", "") for name, taking in self.overriding_inputs.items()}
+        lines += [f"  the parameter {name} has no effect: {why}" for name, why in without_effect.items()]
         return "\n".join(lines)
 
     __repr__ = __str__
@@ -481,6 +480,13 @@ class ClosedLoop(Printed):
     def _read(self, name: str, value: Any) -> str:
         told = given_as(value, self.system.unit(name), self.display_units)
         return told or ("in time" if name in self.inputs else str(value))
+
+
+def why_without_effect(loop: ClosedLoop, overriding: str) -> str:
+    """Return the reason why a parameter has no effect, and its remedy: an input of this name overrides it, or a controller gives this signal."""
+    if overriding in loop.system.inputs:
+        return f"the input `{overriding}` overrides it (vary `{overriding}`)"
+    return f"a controller gives the signal `{overriding}` (vary a number of the controller)"
 
 
 @new_names_only

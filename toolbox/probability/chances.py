@@ -104,7 +104,8 @@ def chance(
     seed
         Seed of the random numbers, by default 0.
     checkpoint
-        Folder that keeps the results block by block. The same call after an interruption continues from this folder.
+        Folder that keeps the results block by block. The same call after an interruption continues from this folder. By
+        default None: nothing is stored.
 
     Returns
     -------

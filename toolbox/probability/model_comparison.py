@@ -133,10 +133,11 @@ def compare_models(
     duration
         Length of the runs [s], or text with a unit. By default the duration of each loop.
     left_out
-        {metric: its normal distribution} of additional data that no posterior uses. The posterior of each model
-        predicts them, and their likelihood is the score of the model.
+        {metric: its normal distribution} of additional data that no posterior uses, by default none. The posterior of
+        each model predicts them, and their likelihood is the score of the model.
     metrics
-        {name in `data`: metric}, for names that are no names of metrics themselves, such as a metric in a window.
+        {name in `data`: metric}, for names in `data` that are not names of metrics of the toolbox, such as a metric in
+        a window of time. By default none.
     draws
         Number of draws of each posterior, >= 32, by default 256.
     accuracy
@@ -144,7 +145,8 @@ def compare_models(
     seed
         Seed of the random numbers, by default 0.
     checkpoint
-        Folder that keeps the likelihoods. The same call after an interruption continues from this folder.
+        Folder that keeps the likelihoods. The same call after an interruption continues from this folder. By default
+        None: nothing is stored.
 
     Returns
     -------

@@ -174,7 +174,7 @@ def posterior(
         Length of the runs [s], or text with a unit. By default the duration of the loop.
     metrics
         {name in `data`: metric} for those names in `data` that are not names of metrics of the toolbox, such as a
-        metric in a window of time.
+        metric in a window of time. By default none.
     draws
         Number of draws of the posterior, >= 32, by default 256.
     accuracy
@@ -183,7 +183,7 @@ def posterior(
         Seed of the random numbers, by default 0.
     checkpoint
         Folder in which every likelihood is stored as soon as it is computed. The same call after an interruption
-        continues from this folder.
+        continues from this folder. By default None: nothing is stored.
 
     Returns
     -------

@@ -154,7 +154,8 @@ def predict(
         Length of the runs [s], or text with a unit. By default the length of the recording, else the duration of the
         loop.
     recording
-        A measurement that is compared with the bands. The prediction then has the times of this recording.
+        A measurement that is compared with the bands, by default none. The prediction then has the times of this
+        recording.
     draws
         Number of runs, >= 20, by default 100.
     confidence

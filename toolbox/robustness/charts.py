@@ -113,7 +113,7 @@ def stability_chart(
         {number of the loop: (lowest, highest value)}, exactly two, the first for the horizontal axis:
         `{"pi.proportional": (0, 5000), "pi.integral": (0, 3000)}`.
     shape
-        Number of points along the horizontal and the vertical axis, at least 3 each.
+        Number of points along the horizontal and the vertical axis, at least 3 each, by default (15, 15).
 
     Returns
     -------

@@ -209,7 +209,7 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
         A loop with constant inputs and smooth running, in which the judged contact slides. If there are several
         contacts, `closed_loop(..., element=...)` names it.
     cycle
-        A cycle of this loop, found by `limit_cycle`, which is shown beside the prediction.
+        A cycle of this loop, found by `limit_cycle`, which is shown beside the prediction. By default none.
     highest
         Highest amplitude of the slip that is examined, in the unit of the slip. By default three times the slip of
         smooth running. Cycles with an amplitude below 1/10000 of `highest` are not found.

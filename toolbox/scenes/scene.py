@@ -14,7 +14,7 @@ from toolbox.arguments import number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
 from toolbox.messages import LOG
-from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closed_loop import ClosedLoop, why_without_effect
 from toolbox.modelling.closing import laws_of
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
@@ -384,7 +384,7 @@ class Scene(Labelled):
         """What is said of numbers of a law that an input takes the place of; the set-point of the scene, which only judges then, is none."""
         loop = self[label]
         return [
-            f"`{name}` has no effect, because the input `{taking}` takes its place."
+            f"the parameter `{name}` has no effect: {why_without_effect(loop, taking)}."
             for name, taking in loop.overriding_inputs.items()
             if name not in loop.plant.parameters and loop.number(name).value != self.reference
         ]

@@ -81,7 +81,8 @@ def tune(
         loop, such as "pi.proportional", "softtorque.detuning" or "lqr.gain.0". If only the design uses the number, the
         controller is designed again. Any other number is changed where it acts.
     duration
-        Length of the runs [s], needed if `scene` is a plant. A scene has its own duration.
+        Length of the runs [s], or text with a unit, needed if `scene` is a plant. By default None: a scene has its own
+        duration.
     aggregate
         Function that combines the values of several scenes: `max` (default) for the worst case, `statistics.fmean` for
         the mean.

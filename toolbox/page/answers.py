@@ -13,10 +13,11 @@ import numpy as np
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import reading_of
-from toolbox.measuring.judge import Judged, told_growth
-from toolbox.measuring.measure import extent, stick_intervals
+from toolbox.measuring.judge import Judged
+from toolbox.measuring.measure import extent
 from toolbox.measuring.metrics import distance
-from toolbox.measuring.verdict import Verdict
+from toolbox.measuring.sticks import stick_intervals
+from toolbox.measuring.verdict import Verdict, growth_in_words
 from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
@@ -320,7 +321,7 @@ def further(run: Trajectory, loop: ClosedLoop) -> dict[str, Any]:
         told["poles"] = [[float(pole.real), float(pole.imag)] for pole in poles if np.isfinite(pole)]
         worst = max((pole.real for pole in poles if abs(pole) > 1e-9), default=math.nan)
         told["poles_words"] = (
-            f"Steady running is {'stable' if worst < 0 else 'unstable'}: its slowest motion {told_growth(worst)}.{_swings(poles)}"
+            f"Steady running is {'stable' if worst < 0 else 'unstable'}: its slowest motion {growth_in_words(worst)}.{_swings(poles)}"
         )
         if loop.is_sampled:
             told["poles_words"] += " Of the continuous form of the law; the verdict counts its samples."

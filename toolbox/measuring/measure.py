@@ -19,17 +19,19 @@ from toolbox.arguments import number
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.halving import zero
-from toolbox.measuring.energy import EnergyAudit as EnergyAudit
-from toolbox.measuring.energy import energy_audit as energy_audit
-from toolbox.measuring.energy import gauss
+from toolbox.measuring.energy import EnergyAudit, energy_audit, gauss
 from toolbox.measuring.severity import Extent, check_definition, severity_of
-from toolbox.measuring.sticks import stick_intervals as stick_intervals
-from toolbox.measuring.sticks import stuck_ratio as stuck_ratio
+from toolbox.measuring.sticks import stick_intervals, stuck_ratio
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import check_run, scalar, window
 
 if TYPE_CHECKING:
     from toolbox.measuring.quintics import Steps
+
+__all__ = [
+    "Contact", "EnergyAudit", "StickSlipPeriod", "contact", "cycles", "energy_audit", "extent", "mean_square", "overshoot", "rubbing_speed", "settling",
+    "severity", "standstill", "stick_intervals", "stuck_ratio",
+]  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------------ cycles

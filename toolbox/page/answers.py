@@ -21,7 +21,7 @@ from toolbox.measuring.verdict import Verdict, growth_in_words
 from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
-from toolbox.onsets.study import metrics_of, words_of
+from toolbox.onsets.verdicts import verdict_metrics, words_of
 from toolbox.scenes.judged import sticks_before_standstill
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import equilibrium, linearise
@@ -69,7 +69,7 @@ def answer(
     names: signals of the traces;  plane: the two of the phase plane;  asked: {unit: unit in which it is read};  step: called at every step of the judge; where
     it raises `Later`, the verdict follows.
     """
-    found = metrics_of(loop, run)
+    found = verdict_metrics(loop, run)
     judged: Judged | None = None
     try:
         with at_every_step(step):

@@ -145,7 +145,8 @@ def _each_once(words: Mapping[str, str]) -> list[str]:
 
 def _samples(loop: ClosedLoop) -> str:
     """Lateness and misses of the samples of a loop, in words; empty for a loop that takes every sample in time."""
-    late, missed = (max((entry[k] for entry in loop.assembly.irregular), default=0.0) for k in (0, 1))
+    late = max((clock.jitter for clock in loop.assembly.clocks), default=0.0)
+    missed = max((clock.missed_samples for clock in loop.assembly.clocks), default=0.0)
     words = [
         f"samples late by up to {1e3 * late:.4g} ms" if late else "",
         f"{100.0 * missed:.3g} % of the samples missed" if missed else "",

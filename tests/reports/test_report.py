@@ -275,12 +275,14 @@ def test_the_command_writes_the_page_and_hides_no_file_of_the_user(folders, tmp_
     assert page.read_text() == "<html>mine</html>"
 
 
-def test_without_a_program_that_prints_a_pdf_is_refused_and_nothing_is_written(folders, tmp_path, monkeypatch):
+def test_without_a_program_that_prints_a_pdf_the_page_is_written_and_the_missing_pdf_is_told(folders, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(to_pdf, "BROWSERS", ())
     monkeypatch.setitem(__import__("sys").modules, "weasyprint", None)
-    with pytest.raises(SceneError, match="needs Chromium"):
+    with pytest.raises(SceneError, match=r"The page is in `.*r\.html`, but its PDF was not written\. A PDF needs Chromium"):
         report(folders / "study", path=tmp_path / "r.html", pdf=True)
-    assert not list(tmp_path.iterdir())
+    assert "Two inertias" in (tmp_path / "r.html").read_text() and not (tmp_path / "r.pdf").exists()
+    assert main(["report", str(folders / "study"), "--page", str(tmp_path / "r.html"), "--pdf"]) == 2
+    assert "its PDF was not written" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from models.closed_forms import groan_growth
 from studies.questions import brakes
 from toolbox import Sampled, Scene, SceneError, compose, energy_audit, measure, simulate
 from toolbox.inputs import sine
-from toolbox.onsets import study
+from toolbox.onsets import verdicts
 from toolbox.scenes.cases import Case
 from toolbox.scenes.verdict_table import judged_by, table
 
@@ -272,13 +272,13 @@ def shipped(root, name):
 
 def test_the_verdict_of_a_stop_ends_at_standstill_and_does_not_call_a_standing_wheel_stuck(root):
     scene = shipped(root, "brake_laws")
-    rows = {label: study.verdict_row(scene, label)[0] for label in ("constant force", "eased force", "MPC")}
+    rows = {label: verdicts.verdict_row(scene, label)[0] for label in ("constant force", "eased force", "MPC")}
     assert [row.verdict for row in rows.values()] == ["stick-slip", "free", "free"]
     assert rows["constant force"].stuck > 0.02 and rows["eased force"].stuck == 0.0
     assert rows["eased force"].settling > rows["constant force"].settling > 2.0
-    without = study.verdict_row(dataclasses.replace(scene, standstill_speed=None), "eased force")[0]
+    without = verdicts.verdict_row(dataclasses.replace(scene, standstill_speed=None), "eased force")[0]
     assert without.verdict != "free"  # the wheel that stands
-    late = study.verdict_row(dataclasses.replace(scene, duration=1.0), "constant force")[0]
+    late = verdicts.verdict_row(dataclasses.replace(scene, duration=1.0), "constant force")[0]
     assert late.verdict == "does not stand" and late.settling == math.inf
     assert "standstill at 0.1 rad/s" in table(scene, [rows["MPC"]]) and "stands at" in table(scene, [rows["MPC"]])
     assert "at the end of the run: increase `duration` (1 s)" in late.remark and late.remark in table(scene, [late])
@@ -292,8 +292,8 @@ def test_a_stop_says_how_long_the_command_was_at_its_limits():
         effort="brake.force", after=0.5, standstill_speed=0.1, start={"disc.speed": 3.0},
     )  # fmt: skip
     assert 36.0 * law.deceleration / (2.0 * 0.12 * law.friction) == pytest.approx(1000.0)
-    row, run = study.verdict_row(scene, "weak")
-    reached = study.limits_reached(run, row.settling)["brake.force"]
+    row, run = verdicts.verdict_row(scene, "weak")
+    reached = verdicts.limits_reached(run, row.settling)["brake.force"]
     assert [(word, limit) for word, limit, _ in reached] == [("highest", 800.0), ("rate", 1000.0)]
     assert [time for *_, time in reached] == pytest.approx([row.settling - 0.8, 0.8], abs=2e-3)
     assert (
@@ -301,7 +301,7 @@ def test_a_stop_says_how_long_the_command_was_at_its_limits():
         == f"The command of `brake.force` was at its limits: highest 800 N for {row.settling - 0.8:.2g} s, rate 1000 N/s for 0.8 s."
     )
     free = dataclasses.replace(law, highest_force=1001.0, force_rate=None)
-    assert study.verdict_row(dataclasses.replace(scene, cases=(Case("free", free, 1e-3),)), "free")[0].remark == ""
+    assert verdicts.verdict_row(dataclasses.replace(scene, cases=(Case("free", free, 1e-3),)), "free")[0].remark == ""
 
 
 def test_controllers_keep_their_border_on_a_brake_with_other_friction_and_the_study_says_so(root):

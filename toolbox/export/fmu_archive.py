@@ -108,7 +108,8 @@ def fmu_archive(
         library = folder / f"{name}{suffix}"
         position = [] if system == "win32" else ["-fPIC"]
         static = ["-static-libgcc"] if system == "win32" else []
-        command = [*compiler.split(), OPTIMISED, *flags, "-shared", *position, *includes, *map(str, parts), "-lm", *static, "-o", str(library)]
+        options = [OPTIMISED, *flags, "-shared", *position, *includes]
+        command = [*compiler.split(), *options, *map(str, parts), "-lm", *static, "-o", str(library)]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             raise SceneError(f"The C compiler `{compiler}` failed: {done.stderr.strip()[-500:]}")

@@ -209,7 +209,7 @@ def test_what_a_law_drives_has_no_effect_and_is_said():
 
 
 def test_a_curve_of_hopf_points_and_a_law_in_python_say_so_too():
-    with pytest.raises(SceneError, match="only the design of a law knows it"):
+    with pytest.raises(SceneError, match="only the design of a controller uses it"):
         hopf_curve(CONTINUOUS, "top.reference", (3.0, 6.0), "softtorque.detuning", [1.0])
     planned = closed_loop(RIG, LinearMPC(reference=8.0), sample_time=0.1, start=TURNING)
     with pytest.raises(SceneError, match="the design of this controller is a Python callable, which is the same in all runs"):

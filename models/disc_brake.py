@@ -54,8 +54,8 @@ class DiscBrake(Component):
 
     Contacts: `pad` and, with a second friction law, `other_pad`. Both stick and break away together.
 
-    Range of validity: groan at low speed (below about 3 rad/s for the default values). Squeal (see `SquealingPad`) and
-    the heating of the pads are not modelled.
+    Range of validity: groan at low speed (below about 3 rad/s for the default values). Squeal and the heating of the
+    pads are not modelled; `SquealingPad` is a model of squeal.
 
     The default values are examples, not published values. They represent one wheel of a passenger car of 1600 kg on
     tyres of 0.3 m radius. A quarter of the mass acts as inertia on the disc. Pads and caliper have a natural frequency

@@ -74,7 +74,7 @@ class ContactRun(Renamed):
     coordinates, rates
         Coordinates q and their rates, shape (t, n).
     contact_modes
-        Modes, shape (t, c): 0 stick, 1 slip, 2 open, as in `toolbox.contacts.problem.LEGEND`.
+        Modes of the contacts, shape (t, c): 0 stick, 1 slip, 2 open.
     normal
         Normal forces [N], >= 0, shape (t, c).
     tangential
@@ -84,7 +84,7 @@ class ContactRun(Renamed):
     friction_work
         Energy that friction has dissipated at every contact [J], shape (t, c).
     energy
-        Energies of the body and of its inputs; see `audit`.
+        {name: energies of the body and of its inputs [J]}. The method `audit` compares them.
     newton_iterations
         Newton iterations of every step, shape (t,).
     inputs

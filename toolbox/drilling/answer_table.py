@@ -78,8 +78,9 @@ def answers(
         set-points, in SI or text with units. By default there is no search. With `bounds` the step is by default 1/40
         of the range.
     uncertainty
-        {number of the loop: fraction of its value to either side, or several factors}, as in `worst_case`. By default
-        10 % of the weight on bit to either side, if the plant has a weight on bit.
+        {number of the loop: error}. An error is a percentage to either side, such as "10 %", or several factors of the
+        value, such as (0.8, 1.2). By default 10 % of the weight on bit to either side, if the plant has a weight on
+        bit.
     phases
         Number of instants of the stick-slip cycle at which a controller takes over, by default 4.
     duration

@@ -229,8 +229,9 @@ def schedule(
     duration
         Length of a run [s].
     starts
-        Starts of the runs, as in `worst_case`, such as `TakenOver(StiffPI(), phases=4)`, found on the plant of each
-        depth. By default `SmoothRunning()`.
+        Starts of the runs on the plant of each depth: `SmoothRunning()`, `FromRest(ramp)`,
+        `TakenOver(initial_controller)` (from the stick-slip of another controller), such as `TakenOver(StiffPI(),
+        phases=4)`, or `OwnStickSlip()`. By default `SmoothRunning()`.
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within

@@ -28,6 +28,16 @@ class Bifurcation:
         Value of the parameter.
     cycle
         The cycle at this point. If the sequence of switches changes, the last cycle before the change.
+
+    Examples
+    --------
+    >>> from models import oscillators
+    >>> from toolbox import compose, follow, limit_cycle
+    >>> cycle = limit_cycle(compose(oscillators.THOMSEN_FIDLIN), settle="200 s")
+    >>> branch = follow(cycle, "block.belt_speed", (0.1, 0.6), start_towards=0.6)
+    >>> for point in branch.bifurcations:
+    ...     print(f"{point.kind} at {point.value:.3f} m/s")
+    Hopf at 0.441 m/s
     """
 
     kind: str

@@ -77,6 +77,17 @@ class UncertainOnset(Told, Result):
         {SI unit: unit that was typed}.
     situation
         The situation for which the borders hold, in one line.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import uncertain_onset
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque())
+    >>> found = uncertain_onset(loop, "top.reference", ("40 rpm", "140 rpm"), {"bit.weight": "60 kN +- 5 kN"}, draws=80, num_values=5)
+    >>> print({name: round(correlation, 1) for name, correlation in found.moved_by("as it is").items()})
+    {'bit.weight': 1.0}
     """
 
     title: str

@@ -40,6 +40,18 @@ class ModelComparison(Told, Result):
         {label of the model: logarithm of the predictive density of each metric in `left_out`, shape (metrics,)}.
     left_out
         Names of the metrics that no posterior used.
+
+    Examples
+    --------
+    >>> from models import BitRock, Coulomb, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import Uniform, compare_models
+    >>> strings = {"falling": BitRock(), "constant": BitRock(friction=Coulomb(static=0.8, kinetic=0.5))}
+    >>> loops = {label: closed_loop(compose(wells.JANSEN_2, bit), inputs={"top.torque": "12 kN m"}) for label, bit in strings.items()}
+    >>> priors = {label: {"bit.friction.static": Uniform(0.6, 1.0)} for label in loops}
+    >>> found = compare_models(loops, {"severity": "1.1 +- 0.1"}, priors, "60 s", draws=32)
+    >>> print(f"probability of the falling friction law: {found.probabilities['falling']:.1f}")
+    probability of the falling friction law: 0.9
     """
 
     posteriors: dict[str, Posterior]

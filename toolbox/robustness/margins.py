@@ -137,7 +137,7 @@ class Margins(Told, Result):
     def plot(self, axes: Any = None) -> Any:
         """Draw the Nyquist curve with the disk of the disk margin, and the sensitivities. Return both axes.
 
-        See `toolbox.robustness.figures.margins_diagram`. Raises SceneError if there is no linear loop.
+        Raises SceneError if there is no linear loop.
 
         Parameters
         ----------

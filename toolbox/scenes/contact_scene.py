@@ -39,8 +39,9 @@ class ContactScene(Labelled):
     cases
         One `Case` per controller, with different labels and sampled controllers.
     inputs
-        {input of the body, or set-point of a controller: value}, for all cases, as in `step_contacts`. If a case has an
-        input of the same name, the value of the case is used.
+        {input of the body, or set-point of a controller: value}, for all cases. A value is a number, text with a unit,
+        a table (times, values) or an expression of time. If a case has an input of the same name, the value of the case
+        is used.
 
     Examples
     --------

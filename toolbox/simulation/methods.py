@@ -247,7 +247,7 @@ class Implicit(Method):
 
 @dataclass(frozen=True)
 class TimeStepping(Method):
-    """Fixed time steps with implicit contact forces. No switch is located (see `toolbox.compilation.moreau_jean`).
+    """Constant time steps with implicit contact forces. No switch is located.
 
     Parameters
     ----------
@@ -309,7 +309,7 @@ class TimeStepping(Method):
 
 @dataclass(frozen=True)
 class Smoothing(Method):
-    """Regularised friction, integrated with the linearly implicit method (see `toolbox.modelling.smoothed`).
+    """Dry friction replaced by a smooth function of the slip speed, integrated with a linearly implicit method.
 
     Parameters
     ----------

@@ -40,7 +40,16 @@ from toolbox.simulation.samples import Event, scalar, window
 
 
 class Pictured(Protocol):
-    """Attributes and methods of a run that the figures need: a `Trajectory`, or a run that `Trajectory.load` has read."""
+    """Attributes and methods of a run that the figures need: a `Trajectory`, or a run that `Trajectory.load` has read.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> run = simulate(compose(BlockOnBelt()), "60 s")
+    >>> print(len(run.intervals("belt")), "phases of the contact, speed in", run.unit("block.speed"))
+    12 phases of the contact, speed in m/s
+    """
 
     time: np.ndarray
     end: float

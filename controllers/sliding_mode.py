@@ -68,8 +68,10 @@ class SlidingSurface(TorqueLimits):
         try:
             inertia = self.inertia if self.inertia is not None else float(plant.parameter("chain.inertia")[0])
             drag = self.drag if self.drag is not None else plant.parameter("chain.top_drag")
-        except SceneError as error:
-            raise SceneError(f"{type(self).__name__} needs `inertia` and `drag` of the top drive: {error}") from None
+        except SceneError:
+            raise SceneError(
+                f"{type(self).__name__} needs `inertia` and `drag` of the top drive: give both, or a plant with a `TorsionalChain`."
+            ) from None
         return replace(self, inertia=inertia, drag=drag)
 
     def terms(self, signal, angle):

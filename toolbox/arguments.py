@@ -114,7 +114,7 @@ def numbers(word: str, given: Any, unit: str = "1", **bounds: float) -> list[flo
     [1000.0, 1500.0]
     """
     if not isinstance(given, Iterable) or isinstance(given, (str, bytes, Mapping)):
-        raise SceneError(f"Argument `{word}` must be a row of finite numbers, but it is {short(given)}.")
+        raise SceneError(f"Argument `{word}` must be a list of finite numbers, such as [1.0, 2.0], but it is {short(given)}.")
     return [number(word, value, unit, **bounds) for value in given]
 
 

@@ -193,7 +193,7 @@ def test_a_loop_may_stand_for_its_limit_of_fast_sampling():
     assert not LOOP.continuous_loop.is_sampled and LOOP.is_sampled and LOOP.continuous_loop.controllers == (LOOP.controllers[0].law,)
     rest = equilibrium(LOOP)
     assert rest["top.speed"] == pytest.approx(45 * math.pi / 30, rel=1e-9)
-    with pytest.raises(SceneError, match="must hold laws in their continuous form"):
+    with pytest.raises(SceneError, match="must have continuous controllers"):
         LOOP.unsampled()
     with pytest.raises(SceneError, match="continuous form"):
         _ = closed_loop(RIG, proportional, sample_time=0.1).continuous_loop

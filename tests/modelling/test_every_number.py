@@ -58,7 +58,7 @@ DESIGN = dict.fromkeys(
     ("sensitivity", *STEADY), "only the design of a controller uses it, so the equations of the loop have no derivative by it"
 )
 SHAPE = dict.fromkeys(("hopf_points", "severity_map"), "it shapes an input in time") | {
-    "onset": "`top.torque` must be a number for an onset", "margins": "must hold a control law",
+    "onset": "`top.torque` must be a number for an onset", "margins": "must contain a controller",
 }  # fmt: skip
 NODE = dict.fromkeys(("sensitivity", "hopf_points", "severity_map"), "a number of a table in time, by which no derivative is computed")
 NODE |= {"onset": SHAPE["onset"], "margins": SHAPE["margins"]}

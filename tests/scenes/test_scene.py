@@ -376,7 +376,7 @@ MISTAKES = [
     ("title = 'a'\nduration = 1\n[[plant]]\npart = 'wells.JANSEN_2'", "must have a contact that can stick"),
     ("title = 'a'\nduration = 1\nstart = 3\n[[plant]]\npart = 'BlockOnBelt'", "`start` must be a table"),
     ("title = 'a'\nduration = 1\ncontrollers = 3\n[[plant]]\npart = 'BlockOnBelt'", "must be written as [[controllers]]"),
-    ("title = 'a'\nduration = 1\n[[plant]]\npart = 'BitRock'", "Nobody gives the signal `bit.speed`"),
+    ("title = 'a'\nduration = 1\n[[plant]]\npart = 'BitRock'", "BitRock needs the signal `bit.speed`"),
     (BELT + "[[controllers]]\nlabel = 'pi'\nlaw = 'StiffPI'", "Controller `pi`: "),
     # laws inside others
     (edited('law = "SlidingMode"', 'law = "Lifting"'), '`Lifting` acts around another law: name that one under `law`, and write `inside = "Lifting"`'),

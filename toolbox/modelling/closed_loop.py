@@ -194,8 +194,8 @@ class ClosedLoop(Printed):
         """
         if self.is_sampled:
             raise SceneError(
-                "Argument `loop` must hold laws in their continuous form, but it holds a sampled one, whose sample time and delay would be left out: "
-                "give `loop.continuous_loop` for the limit of fast sampling; `onset` and `margins` take it as it is."
+                "Argument `loop` must have continuous controllers, but one is sampled, and its sample time and delay would be left out: "
+                "give `loop.continuous_loop` for the limit of fast sampling, or use `onset` or `margins`, which include sampling."
             )
         return self.continuous_loop
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from toolbox.arguments import finite_array, number, refuse, whole
 from toolbox.errors import ControllerError, SceneError, suggest
-from toolbox.files.units import in_si
+from toolbox.files.units import in_si, warn_unusual
 from toolbox.modelling.clocks import Clock
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
 from toolbox.modelling.drive import drive_of
@@ -256,6 +256,10 @@ class Sensors(Component):
         return value
 
 
+USUAL_TIMES = (1e-7, 5.0)
+"""Usual sample times, delays and jitters [s]: a larger number was perhaps meant in ms."""
+
+
 @dataclass(frozen=True)
 class Sampled(Renamed):
     """Controller with its own sample time, delay and sensors.
@@ -335,7 +339,9 @@ class Sampled(Renamed):
 
     def __post_init__(self) -> None:
         for word in ("period", "delay", "jitter"):
-            object.__setattr__(self, word, in_si(getattr(self, word), "s", word))
+            typed = getattr(self, word)
+            object.__setattr__(self, word, in_si(typed, "s", word))
+            warn_unusual(typed, getattr(self, word), "s", USUAL_TIMES, word)
 
     @property
     def clock(self) -> Clock:

@@ -22,6 +22,8 @@ from toolbox.compilation.rosenbrock import RODAS5P
 from toolbox.compilation.runge_kutta import DOP853, DOPRI5
 from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError
+from toolbox.files.units import in_si
+from toolbox.modelling.elements import OptionalQuantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.budget import UNHURRIED, Budget
 from toolbox.simulation.method_choice import without_series
@@ -252,7 +254,7 @@ class TimeStepping(Method):
     Parameters
     ----------
     step
-        Length of a step [s]. None (default) refines the step until the accuracy is met.
+        Length of a step [s], or text with a unit. None (default) refines the step until the accuracy is met.
     budget
         Limits on the cost of a run, a `Budget`.
 
@@ -269,7 +271,10 @@ class TimeStepping(Method):
     text: ClassVar[str] = "time-stepping"
     locates: ClassVar[bool] = False
     finer: ClassVar[str] = "TimeStepping(step=...)"
-    step: float | None = None
+    step: OptionalQuantity = quantity(None, "s", "length of a step")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "step", in_si(self.step, "s", "step"))
 
     def check(self, duration: float) -> None:
         """Raise SceneError unless the step is a positive number and long enough for the budget.

@@ -76,7 +76,7 @@ def grid(axes: Mapping[str, Any]) -> Variations:
     for name, row in axes.items():
         array = finite_array(row)
         if array is None or array.ndim != 1 or not array.size:
-            raise SceneError(f"Argument `{name}` must be a row of finite numbers, but it is {row!r}.")
+            raise SceneError(f"Argument `{name}` must be a list of finite numbers, such as [1.0, 2.0], but it is {row!r}.")
         values.append(array)
     if not values:
         raise SceneError("Argument `ranges` must name at least one number, but it is empty.")

@@ -136,6 +136,8 @@ def sweep(
         raise SceneError(
             "Argument `start` must be a function of what varies; start values belong to the loop: `closed_loop(plant, start=...)`."
         )
+    if duration is None and loop.duration is None:
+        raise SceneError('Argument `duration` must be given for a loop that does not come from a scene, such as "60 s".')
     duration = number("duration", loop.duration if duration is None else duration, "s", above=0)
     variations = variations_of(_in_si(ranges, loop))
     full = {name: loop.number(name).name for name in variations.names}

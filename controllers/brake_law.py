@@ -97,7 +97,9 @@ class BrakeLaw(Controller):
         try:
             found = {name: plant.parameter(f"disc.{name}") for name in ("inertia", "radius") if getattr(self, name) is None}
         except SceneError:
-            raise SceneError(f"{type(self).__name__} needs `inertia` and `radius` of a disc: give both, or a plant with a `DiscBrake`.") from None
+            raise SceneError(
+                f"{type(self).__name__} needs `inertia` and `radius` of a disc: give both, or a plant with a `DiscBrake`."
+            ) from None
         if self.margin is not None and self.border_forces is None and (self.border is None or self.border_growth is None):
             border = groan_border(plant)
             if border.border_growth > 0.0:

@@ -317,7 +317,7 @@ MISTAKES = [
     (edited(', finish = "0.5 min"', ""), "key `finish` is missing in bit.weight.ramp"),
     (edited('part = "BitRock"', ""), "key `part` is missing in plant[2]"),
     (edited('label = "open loop"', ""), "key `label` is missing in controllers[1]"),
-    (edited('label = "open loop"', 'label = "open loop"\nproportional = 3'), "no key `proportional` in open loop"),
+    (edited('label = "open loop"', 'label = "open loop"\nproportional = 3'), "no key `proportional` in controller `open loop`, which has no `law`"),
     (edited('sample_time = "10 ms"', ""), "`delay` of `stiff PI, 100 Hz` must come with `sample_time`"),
     # names
     (edited('"BitRock"', '"BitRok"'), "no part `BitRok`: did you mean `BitRock`"),
@@ -388,7 +388,7 @@ MISTAKES = [
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", observer = 3 }'), "`Lifting.observer` must be a table with `law`"),
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", observer = { law = "PI" } }'), "`observer` must be a StringObserver"),
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = "StringObserverController"'), "The key `observer` is missing in `StringObserverController`"),
-    (edited('label = "open loop"', 'label = "open loop"\ninside = "Lifting"'), "no key `inside` in open loop"),
+    (edited('label = "open loop"', 'label = "open loop"\ninside = "Lifting"'), "no key `inside` in controller `open loop`, which has no `law`"),
     (edited('law = "SlidingMode"', 'law = "IdealSlidingMode"\nsample_time = "10 ms"'), "Controller `sliding mode`: IdealSlidingMode has no sampled form"),
 ]  # fmt: skip
 

@@ -44,7 +44,7 @@ law = "SoftTorque"
 
 
 class Page(html.parser.HTMLParser):
-    """The rows of all tables of a page, the lines of its preformatted texts, its paragraphs, points of lists and captions, and all that a browser would fetch."""
+    """The rows of all tables of a page, the lines of its preformatted texts, its paragraphs, points of lists and captions, and all that a browser fetches."""
 
     def __init__(self, text):
         super().__init__()

@@ -155,8 +155,8 @@ class Cones:
         return None
 
     def probed(self, slip: ca.SX, rate: ca.SX, force: ca.SX, bound: ca.SX, pace: ca.SX) -> tuple[ca.SX, ...]:
-        """Return the values by which the loops decide the modes: slip speed, its rate, and minus the size of the force of each contact.
-        With this sign slip is mode 1.
+        """Return the values by which the loops decide the modes: slip speed, its rate, and minus the size of the force of each contact. The
+        sign makes slip mode 1.
 
         In the place of the second direction stand both slips, with which no mode is decided.
         """

@@ -76,9 +76,9 @@ class Rosenbrock(Formulas):
 
 
 class LinearAlgebra(NamedTuple):
-    """Functions of an implicit step. `prepare` writes df/dt, the `size` numbers of the factors, and a number > 0 if the step is possible.
-    `solve` replaces a right side y by the solution with x. `text` holds the functions called by both, and `cost` the operations for the
-    factors and for a solution."""
+    """Functions of an implicit step. `prepare` writes df/dt, `size` numbers for a solution, and a number > 0 if the step is possible.
+    `solve` reads these numbers as its argument x and replaces a right side y by the solution. `text` holds the functions that both call.
+    `cost` holds the operations of the factors and of a solution."""
 
     prepare: Body
     solve: Body

@@ -87,8 +87,8 @@ def signed(side: list[Value | None], values: Row | list[Value], j: int) -> Value
 def emit_dips(
     made: Pass, step: Step, guards: Guards, kinds: tuple[Truth, Truth, Truth], found: tuple[Truth, Truth]
 ) -> tuple[Truth, Truth, Truth]:
-    """Return three sets of lanes: those that ask for a step to a minimum, then those with a guard that dips below zero, then those with a
-    guard that may dip.
+    """Return three sets of lanes: lanes that ask for a step to a minimum, lanes with a guard that dips below zero, lanes with a guard that
+    may dip.
 
     A guard may dip below zero inside a step, which a step to its minimum shows, or before an event that cuts a step short. kinds: fresh steps, steps to
     a minimum, and steps to an event;  found: what is hit, and what is odd.

@@ -10,7 +10,7 @@ from toolbox.translation.words import call
 
 
 def first_descent(a, da, b, db):
-    """Return the first fraction in (0, 1] at which the cubic Hermite interpolant stops being positive; 2 if there is no such fraction.
+    """Return the first fraction in (0, 1] at which the cubic Hermite interpolant falls through zero; 2 if it stays positive.
 
     a, b: values at 0 and 1;  da, db: slopes times the step.
     """

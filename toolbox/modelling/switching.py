@@ -147,10 +147,9 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     solved_for = _solver(elements, slip_of_state) if cones.places else masked_solve
 
     def balanced(sticks: ca.SX, side: ca.SX, speeds: ca.SX, yielding: ca.SX | None = None) -> Balance:
-        """Return the forces for given sticking elements, given directions of the sliding elements, and given slip speeds of the elements
-        with two directions.
+        """Return the forces for given sticking elements, directions of the sliding elements, and slip speeds of those with two directions.
 
-        yielding: slip rate of every sticking row in parts of minus its force, none by default.
+        yielding: slip rate of every sticking row as a fraction of minus its force, none by default.
         """
         laws = cones.at_speed(free_sliding, speeds)
         matrix = ca.sparsify(shared.of_impulse(gain, sticks, floor) + ca.diag(side) @ cones.at_speed(coupling, speeds))

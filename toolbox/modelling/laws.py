@@ -519,7 +519,7 @@ def names(value: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
-    """Return the part that stands for a Python callable. SceneError is raised for unknown signals."""
+    """The part that stands for a Python callable; raises SceneError where its signals are unknown."""
     law = sampled.law
     former = next((word for word in ("measures", "drives") if hasattr(law, word) and not isinstance(law, Renamed)), None)
     if former is not None:

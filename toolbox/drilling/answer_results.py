@@ -26,7 +26,8 @@ HEADS = {
 
 @dataclass(frozen=True)
 class Counted:
-    """Runs from one kind of start. held: how many come to smooth running;  runs: how many there are;  why: what the first other one does."""
+    """Runs from a kind of start. held: number of runs that end in smooth running; runs: number of runs; why: result of the first run that
+    does not hold."""
 
     held: int
     runs: int

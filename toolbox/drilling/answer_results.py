@@ -26,8 +26,7 @@ HEADS = {
 
 @dataclass(frozen=True)
 class Counted:
-    """Runs from a kind of start. held: number of runs that end in smooth running; runs: number of runs; why: result of the first run that
-    does not hold."""
+    """Runs from one kind of start. held: how many come to smooth running;  runs: how many there are;  why: what the first other one does."""
 
     held: int
     runs: int

@@ -281,8 +281,7 @@ class _Question:
         return list(peaks.values())
 
     def lowest(self, low: float, high: float, step: float) -> tuple[dict[str, float], float]:
-        """Return {start: lowest set-point above which all tried set-points hold}, and the set-point that ends the stick-slip of the loop
-        itself."""
+        """({start: lowest set-point from which on every one that was tried holds}, set-point at which the own stick-slip ends)."""
         found = {name: self._lowest(name, low, high, step) for name in STARTS if self.counted(name, high).runs or name == "takeover"}
         return found, float(self._kept(ERRORS + 3, high, lambda: [self._own_end(low, high)])[0])
 

@@ -136,7 +136,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def judged_by(scene: Scene) -> str:
-    """Return a sentence about the judged quantities and the interval of time in which they are judged."""
+    """A sentence about what is judged in which time."""
     speed = reading(scene.plant().unit(scene.signal), scene.display_units)
     until = (
         f"{scene.duration:g} s"

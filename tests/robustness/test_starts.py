@@ -50,6 +50,16 @@ def test_a_controller_that_takes_over_begins_with_the_torque_that_acts(stick_sli
         )  # which it would be without angle
 
 
+@pytest.mark.parametrize("torque", [-3000.0, 500.0, 9000.0, 26_000.0])
+def test_a_continuous_controller_with_limits_takes_over_as_a_sampled_one_does(torque):
+    """The angle is (torque - proportional error) / integral within its limits, beyond them, and if no small angle brings the command within them."""
+    start = {"chain.twist": [20.0], "chain.speed": [2.0, 0.0], "top.torque": torque}
+    loop = loop_of(PI(proportional=9000.0, **LIMITS), 7.9, sampled=False)
+    given = taken_over(loop, start)
+    assert given["pi.angle"] == pytest.approx((torque - 9000.0 * 5.9) / 1500.0, rel=1e-6)
+    assert simulate(loop.replace(start=given), 1e-9).at(0.0)["top.torque"] == pytest.approx(min(max(torque, 0.0), 20_000.0), rel=1e-6)
+
+
 def test_a_takeover_ends_the_stick_slip_that_a_jump_to_no_torque_would_keep(stick_slip):
     loop = loop_of(SoftTorque(**LIMITS), 7.9)
     bumpless = worst_case(loop, 200.0, starts=TakenOver(StiffPI(), 8))

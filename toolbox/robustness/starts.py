@@ -34,7 +34,7 @@ from toolbox.modelling.closing import described
 from toolbox.modelling.inputs import ramp
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.onsets.carried import Carried
-from toolbox.onsets.coming_to import HERE, Settled
+from toolbox.onsets.coming_to import HERE, Settled, last_change
 from toolbox.onsets.reach import held_starts
 from toolbox.onsets.takeover import BEFORE, PHASES, at_set_point, cycle_phases, taken_over, under_controller
 from toolbox.scenes.judged import judged_contact, judged_speed, set_point
@@ -68,9 +68,16 @@ class Found:
     inputs: Sequence[Mapping[str, Any]] = ()
 
     def loops(self, loop: ClosedLoop) -> list[ClosedLoop]:
-        """Return the loop of each run."""
+        """Return the loop of each run. The duration and the judged time of a loop of a scene count from the last change of the inputs of its start."""
         inputs = self.inputs or [{} for _ in self.values]
-        return [loop.replace(start=start, inputs={**loop.inputs, **more}) for start, more in zip(self.values, inputs, strict=True)]
+        begun = [loop.replace(start=start, inputs={**loop.inputs, **more}) for start, more in zip(self.values, inputs, strict=True)]
+        return [_later(each, max(last_change(each) - last_change(loop), 0.0)) for each in begun]
+
+
+def _later(loop: ClosedLoop, seconds: float) -> ClosedLoop:
+    """A loop of a scene that lasts longer by so many seconds, and is judged later by as many."""
+    times = {name: value + seconds for name, value in (("duration", loop.duration), ("after", loop.after)) if value is not None}
+    return loop.replace(**times) if seconds else loop
 
 
 class Start(abc.ABC):

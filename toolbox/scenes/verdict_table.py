@@ -98,11 +98,11 @@ def read_table(path: Path) -> list[Row]:
     return rows
 
 
-def table(scene: Scene, rows: Sequence[Row], times: bool = True) -> str:
-    """The rows as text, under what was judged and above the reasons of failures; times: whether with the time that each took."""
+def table(scene: Scene, rows: Sequence[Row], times: bool = True, start: str = "") -> str:
+    """The rows as text, under what was judged and above the reasons of failures; times: whether with the time that each took;  start: as `judged_by`."""
     lines = columns(in_cells(scene, rows, times), (0, 1), "")
     lines.insert(1, "-" * max(map(len, lines)))
-    return "\n".join([scene.title, judged_by(scene), "", *lines, *failures(rows)])
+    return "\n".join([scene.title, judged_by(scene, start), "", *lines, *failures(rows)])
 
 
 def failures(rows: Sequence[Row]) -> list[str]:
@@ -110,8 +110,8 @@ def failures(rows: Sequence[Row]) -> list[str]:
     return [f"{row.controller} {row.verdict}: {row.failure}" for row in rows if row.failed]
 
 
-def judged_by(scene: Scene) -> str:
-    """A sentence about what is judged in which time."""
+def judged_by(scene: Scene, start: str = "") -> str:
+    """A sentence about what is judged in which time, and the situation; start: in words, by default that of the scene."""
     speed = reading(scene.plant().unit(scene.signal), scene.display_units)
     until = (
         f"{scene.duration:g} s"
@@ -122,7 +122,7 @@ def judged_by(scene: Scene) -> str:
     label = next((each for each in scene.labels if scene[each].controllers), scene.labels[0])
     situation = Situation.of(
         scene[label],
-        start_in_words(scene[label]),
+        start or start_in_words(scene[label]),
         f"{scene.duration:g} s, carried on until the regime is decided",
         design="controllers as the scene gives them",
         cases={each: scene[each] for each in scene.labels},

@@ -67,7 +67,9 @@ def test_a_study_has_a_row_for_each_run_of_a_start_and_its_report_says_where_the
     assert [row.split(",stick-slip,")[0].strip('"') for row in rows] == [f"stiff PI, start {k} of 2" for k in (1, 2)]
     assert "soft torque not run: no stick-slip of its own was found" in printed
     assert "started from 2 phase(s) of the loop's own stick-slip" in printed
-    assert "started from 2 phase(s) of the loop&#x27;s own stick-slip" in of_folder(tmp_path / "study")[0].answer
+    (section,) = of_folder(tmp_path / "study")
+    assert "started from 2 phase(s) of the loop&#x27;s own stick-slip" in section.answer
+    assert "started from 2 phase(s) of the loop's own stick-slip" in section.findings.situation
 
 
 def test_the_times_of_a_scene_count_from_the_last_change_of_an_input_of_the_start(scene):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import csv
+import dataclasses
 import glob
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from toolbox.commands.terminal import asked_otherwise, common, drawn_as, earlier
 from toolbox.errors import SceneError
 
 if TYPE_CHECKING:
-    from toolbox.robustness.starts import Start
+    from toolbox.modelling.closed_loop import ClosedLoop
     from toolbox.scenes.scene import Scene
     from toolbox.scenes.verdict_table import Row
 
@@ -81,6 +82,9 @@ def run(given: argparse.Namespace) -> int:
             "Argument `--start` must be left out for a scene with a log under `[measured]`, whose windows begin where the log does."
         )
     loops, refused = begun(scene, scene.labels, starts)
+    again = {} if finer is None else begun(finer, finer.labels, starts)[0]
+    begins = "" if starts is None else starts.words
+    begins += ", after which both times begin" if any(loop.duration != scene.duration for loop in loops.values()) else ""
     stems = file_stems([*loops])
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
     with results(given, names, earlier("table.csv", "^controller,verdict,stuck,", _left)) as folder:
@@ -88,8 +92,8 @@ def run(given: argparse.Namespace) -> int:
         with progress(len(loops)) as reached:
             for i, ((label, loop), stem) in enumerate(zip(loops.items(), stems, strict=True)):
                 reached(i, label)
-                row, run = verdicts.verdict_row(scene, label, stem, given.metric, loop)
-                rows.append(row)
+                row, run = verdicts.verdict_row(scene, label, stem, given.metric, loop if starts else None)
+                rows.append(dataclasses.replace(row, start=begins))
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
                     signals = None if given.all_signals else drawn_signals(run, scene.judged_contact)
@@ -114,32 +118,32 @@ def run(given: argparse.Namespace) -> int:
         warning = scene.dependencies().warning
         notes += [warning] if warning else []
         notes += [f"{label} not run: {error}" for label, error in refused.items()]
-        notes += [_refined(finer, starts, rows)] if finer is not None else []
+        notes += [_refined(finer, again, rows)] if finer is not None else []
         notes += [f"{label}: {unstable}" for label in scene.labels if (unstable := instability(scene[label]))]
-        begins = "" if starts is None else starts.words
-        begins += ", after which both times begin" if any(loop.duration != scene.duration for loop in loops.values()) else ""
-        (folder / "study.txt").write_text("\n\n".join([table(scene, rows, times=False, start=begins), *notes]) + "\n", encoding="utf-8")
-    show("\n\n".join([table(scene, rows, start=begins), *notes]))
+        (folder / "study.txt").write_text("\n\n".join([table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
+    show("\n\n".join([table(scene, rows), *notes]))
     print(f"\n{'Figures, trajectories, table and scene' if runs else 'Table and scene'} are in {given.out}")
     return 1 if all(row.failed for row in rows) else 0
 
 
-def _refined(finer: Scene, starts: Start | None, rows: Sequence[Row]) -> str:
-    """The verdicts on the scene with twice as many elements, beside those of its own number."""
+def _refined(finer: Scene, loops: Mapping[str, ClosedLoop], rows: Sequence[Row]) -> str:
+    """The verdicts on the scene with twice as many elements, beside those of its own number; loops: of its runs."""
     from toolbox.files.printing import columns
     from toolbox.onsets import verdicts
     from toolbox.scenes.situation import mode_summaries
 
-    loops, _ = begun(finer, finer.labels, starts)
-    again = [verdicts.verdict_row(finer, label, loop=loop)[0] for label, loop in loops.items()]
+    again = {label: verdicts.verdict_row(finer, label, loop=loop)[0] for label, loop in loops.items()}
+    pairs = [(row, again[row.controller]) for row in rows if row.controller in again]
     cells = [("controller", "verdict", "with twice the elements", "stuck", "with twice the elements")]
-    cells += [(a.controller, a.verdict, b.verdict, f"{a.stuck:.3g} s", f"{b.stuck:.3g} s") for a, b in zip(rows, again, strict=True)]
-    other = [a.controller for a, b in zip(rows, again, strict=True) if a.verdict != b.verdict]
+    cells += [(a.controller, a.verdict, b.verdict, f"{a.stuck:.3g} s", f"{b.stuck:.3g} s") for a, b in pairs]
+    other = [a.controller for a, b in pairs if a.verdict != b.verdict]
     told = (
         f"The verdict on {', '.join(other)} depends on the number of elements."
         if other
         else "No verdict depends on the number of elements."
     )
+    if missing := [row.controller for row in rows if row.controller not in again]:
+        told += f" With twice as many elements, {', '.join(missing)} cannot start so."
     return "\n".join([f"With twice as many elements ({'; '.join(mode_summaries(finer.plant()))}):", *columns(cells, left=(0, 1, 2)), told])
 
 

@@ -128,7 +128,9 @@ def _same_command(loop: ClosedLoop, values: Mapping[str, Any], own: str, command
 def _between_limits(given: Callable[[float], float]) -> tuple[float, float] | None:
     """(a state at which a command is not limited, slope of the command there); None if no state moves the command."""
     ends = next(((-size, size) for size in WIDER if given(-size) != given(size)), None)
-    for _ in range(HALVINGS if ends else 0):
+    if ends is None:
+        return None
+    for _ in range(HALVINGS):
         low, high = ends
         middle = 0.5 * (low + high)
         change = given(high) - given(low)

@@ -32,20 +32,20 @@ def verdict_row(
 
     A run that fails is a row as well, with the trajectory so far.  loop: of the run, by default that of the case of this label.
     """
-    loop = scene[label] if loop is None else loop
-    duration = loop.duration or scene.duration
-    further = {} if scene.standstill_speed is None else judged_measures(STOP, loop, 0.0, duration)
+    judged = scene[label] if loop is None else loop
+    duration = judged.duration or scene.duration
+    further = {} if scene.standstill_speed is None else judged_measures(STOP, judged, 0.0, duration)
     if metrics:
-        further |= judged_measures(metrics, loop, 0.0, duration)
+        further |= judged_measures(metrics, judged, 0.0, duration)
     try:
-        run = simulate(loop)
+        run = scene.run(label) if loop is None else simulate(loop)
     except SimulationError as failure:
         return Row(label, RUN_FAILED, files=files, failure=str(failure)), failure.run
     try:
         error = run.error_estimate
     except SimulationError:  # the run to compare with, at a hundredth of the accuracy, may fail alone
         error = math.nan
-    words, found, _ = verdict_of(loop, run)
+    words, found, _ = verdict_of(judged, run)
     more = {name: each.read(run) for name, each in further.items()}
     remark = _remark(scene, run, found)
     return Row(label, words, error=error, wall_time=run.wall_time, files=files, remark=remark, more=more, **dict[str, Any](found)), run

@@ -129,9 +129,7 @@ def _study(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
         raise SceneError(f"Folder `{folder}` must hold the scene of its study, but there is no `scene.toml` with equations.")
     rows = read_table(folder / "table.csv")
     head, *cells = in_cells(scene, rows, times=False)
-    judged, _, situation = judged_by(scene).partition("\n")
-    kept = text_of(folder / "study.txt").partition("\n\n")[0].splitlines()[2:]  # the runs may begin otherwise than the scene does
-    return table("\n".join([judged, *(kept or [situation])]), head, cells), tuple(remarks(rows))
+    return table(judged_by(scene, rows), head, cells), tuple(remarks(rows))
 
 
 def _study_findings(folder: Path, scene: Scene | None) -> Findings | None:

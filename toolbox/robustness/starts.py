@@ -29,6 +29,7 @@ from toolbox.arguments import number, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import STICKS
+from toolbox.messages import LOG
 from toolbox.modelling.closed_loop import ClosedLoop, value_at
 from toolbox.modelling.closing import described
 from toolbox.modelling.inputs import ramp
@@ -105,10 +106,36 @@ class Start(abc.ABC):
             The loop whose runs begin at these start values.
         """
 
+    def single_loop(self, loop: ClosedLoop) -> ClosedLoop:
+        """Return the loop of the only run that begins at this start, for `simulate`.
+
+        Raises SceneError if no run, or more than one, begins so.
+
+        Parameters
+        ----------
+        loop
+            The loop whose run begins at this start.
+        """
+        found = self.on(loop)
+        runs = found.loops(loop)
+        if len(runs) > 1:
+            raise SceneError(
+                f"Argument `start` must begin one run, but {type(self).__name__} begins {len(runs)}: "
+                "simulate each loop of `start.on(loop).loops(loop)`, or take one phase."
+            )
+        if not runs:
+            raise SceneError(f"Argument `start` must be a start that the loop has: {found.note}.")
+        if found.note:
+            LOG.warning("%s", found.note)
+        return runs[0]
+
 
 @dataclass(frozen=True)
 class SmoothRunning(Start):
-    """Start of a run at smooth running, with the commands and the memory that the controllers have in this steady state.
+    """Start of a run near smooth running, with the commands and the memory that the controllers have in this steady state.
+
+    In a loop that has a linear approximation there, the states of the plant are 2 % smaller than in the steady state, so
+    that a run shows whether an oscillation grows.
 
     Examples
     --------

@@ -6,7 +6,7 @@ import copy
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -116,6 +116,8 @@ class Component(Renamed, Declared):
     HybridSystem(Mass): 1 states (mass.speed); contacts: none; inputs: mass.force [N]
     """
 
+    holds_law: ClassVar[bool] = False
+
     name: str | None = dataclasses.field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -183,9 +185,18 @@ _KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 
 def law_of(part: Component) -> Component:
-    """The law that a part carries, as a sampled one does; any other part itself, whatever it calls `law`."""
-    law = getattr(part, "law", None)
-    return law if isinstance(law, Component) else part
+    """The law that a part holds between its samples; any other part itself, whatever it calls `law`."""
+    return part.law if part.holds_law else part  # type: ignore[attr-defined, no-any-return]
+
+
+def holds_controller(part: Component) -> bool:
+    """Whether a part has a controller as a field."""
+    return any(hasattr(getattr(part, field.name), "actuated_signals") for field in fields_of(type(part)))
+
+
+def first_word(part: Component) -> str:
+    """The word with which the names of all numbers, states and signals of a controller begin: its `name`, else its class in lowercase."""
+    return part.name or type(law_of(part)).__name__.lower()
 
 
 def fields_of(kind: type) -> tuple[_Field, ...]:

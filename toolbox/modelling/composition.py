@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import copyreg
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -26,7 +26,9 @@ from toolbox.modelling.components import (
     bounds_checked,
     checked,
     equations_of,
+    first_word,
     governed,
+    holds_controller,
     law_of,
     numbers_of,
     structure_of,
@@ -37,6 +39,7 @@ from toolbox.modelling.elements import Element, State, time
 from toolbox.modelling.friction_groups import grouped
 from toolbox.modelling.garbage import uncollected
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
+from toolbox.modelling.laws import designed, names
 from toolbox.modelling.switching import check_rates
 from toolbox.modelling.well_posed import check_numbers
 
@@ -86,8 +89,6 @@ def compose(*components: Component) -> HybridSystem:
             found = f"a {kind} of them: write `compose(*parts)`" if isinstance(component, (list, tuple)) else found
             raise SceneError(f"Argument `components` must be Component objects, but one is {found}.")
     if any(hasattr(component, "design") for component in components):
-        from toolbox.modelling.laws import designed
-
         plant = [component for component in components if not hasattr(component, "design")]
         if not plant:
             raise SceneError("A controller needs a plant to act on, but `compose` got controllers only.")
@@ -191,34 +192,43 @@ class _Composer:
 
         equations = equations_of(symbolic, signal, title)
         memory = equations.update.memory if equations.update is not None else equations.flow
-        first = next(iter(memory), None)
-        label = first.label if first is not None else next(iter(equations.outputs), "")
-        if first is None and hasattr(law, "actuated_signals"):  # what a control law gives belongs to the plant
-            label = type(law).__name__.lower()
-        prefix = label.partition(".")[0] or title.lower()
-        own = component.name or prefix
-        routes = self.routes if hasattr(law, "actuated_signals") else {}
+        heads = [variable.label.partition(".")[0] for variable in memory]
+        shared: set[str] = set()  # first words of signals of the plant, which keep them
+        routes: Mapping[str, str] = {}
+        if hasattr(law, "actuated_signals"):
+            routes, own = self.routes, first_word(component)
+            prefix = title.lower() if not heads or holds_controller(law) else heads[0]
+            shared = {name.partition(".")[0] for name in (*names(law.actuated_signals), *names(law.measured_signals))}
+        else:
+            prefix = (heads or [next(iter(equations.outputs), "").partition(".")[0]])[0] or title.lower()
+            own = component.name or prefix
 
         def renamed(name: str) -> str:
-            if name in routes:  # also where the law's own states begin with the same word, as `brake.last_force` and `brake.force` do
+            if name in routes:
                 return routes[name]
             head, dot, tail = name.partition(".")
-            return own + dot + tail if head == prefix else name
+            return own + dot + tail if head == prefix and head not in shared else name
+
+        def remembered(name: str) -> str:
+            """The name of a state; one of a controller that holds another one keeps the word of that behind its own."""
+            head, dot, tail = name.partition(".")
+            return own + dot + tail if head == prefix else f"{own}.{name}" if hasattr(law, "actuated_signals") else name
 
         originals = [twin for element in equations.elements for twin in (element, *element.companions)]
         elements = self._add_elements(component, originals, own, renamed)
         self._check_regular(title, equations)
         for slot in slots:
             users = [e for e, original in zip(elements, originals, strict=True) if governed(original.law, slot.owner)]
-            self._add_parameter(own, slot, users if slot.owner is not symbolic else [])
+            path = slot.field_path.removeprefix("law." if component.holds_law or not hasattr(component, "actuated_signals") else "")
+            self._add_parameter(f"{own}.{path}", slot, users if slot.owner is not symbolic else [])
         for (name, unit), (default, placeholder) in needs.items():
             self._need(renamed(name), unit, default, placeholder, title)
         for variable, derivative in equations.flow.items():
-            self._add_state(renamed(variable.label), variable, derivative, variable.unit)
+            self._add_state(remembered(variable.label), variable, derivative, variable.unit)
         for name, (expression, unit) in equations.outputs.items():
             self._give(renamed(name), ca.SX(expression), unit)
         if equations.update is not None:
-            self._add_update(equations.update, renamed)
+            self._add_update(equations.update, renamed, remembered)
         if equations.stored is not None:
             self.stored[own] = ca.SX(equations.stored)
         self.losses |= {f"{own}.{name}": ca.SX(power) for name, power in equations.losses.items()}
@@ -264,13 +274,13 @@ class _Composer:
         self.flow.append(derivative)
         self._give(name, ca.SX(variable), unit)
 
-    def _add_update(self, update: Update, renamed: Callable[[str], str]) -> None:
+    def _add_update(self, update: Update, renamed: Callable[[str], str], remembered: Callable[[str], str]) -> None:
         """What a sampled law holds and remembers between its samples."""
         outputs = {renamed(name): value for name, value in update.outputs.items()}
         places: dict[str, tuple[int, int | None]] = {}
         first_held = sum(symbol.numel() for symbol in self.held)
         for variable in update.memory:
-            name = renamed(variable.label)
+            name = remembered(variable.label)
             if name in self.given or name in places:
                 raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
             places[name] = (sum(count_of(size) for _, size in places.values()), variable.length)
@@ -296,9 +306,9 @@ class _Composer:
             if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
                 raise SceneError(f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`.")
 
-    def _add_parameter(self, own: str, slot: Slot, users: Sequence[Element]) -> None:
+    def _add_parameter(self, path: str, slot: Slot, users: Sequence[Element]) -> None:
         """A number of a part, or of a friction law that these elements use."""
-        path, unit = f"{own}.{slot.field_path.removeprefix('law.')}", slot.spec.metadata.get("unit", "1")
+        unit = slot.spec.metadata.get("unit", "1")
         if len(users) == 1:
             path = f"{users[0].name}.{slot.field_path}"
         if users:

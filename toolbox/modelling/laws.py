@@ -45,6 +45,10 @@ class Controller(Component):
     `design(plant)` is called once, with the declared values of the plant. It returns the controller that is used: a
     `Controller`, or a callable (t, y) -> u if the controller cannot be written as a casadi expression (see `Sampled`).
 
+    The names of all numbers and states of a controller begin with its `name`, or else with its class in lowercase:
+    the field `gain` of the class `MyController` is `mycontroller.gain`. In the names of its states this word replaces
+    the first word: `state("any.angle", "rad")` is `mycontroller.angle`.
+
     Examples
     --------
     >>> from dataclasses import dataclass
@@ -216,7 +220,15 @@ def designed(law: Any, plant: HybridSystem) -> Any:
         raise SceneError(f"{type(law).__name__} cannot be designed on this plant with these numbers: {error}") from error
     if not callable(made) and not isinstance(made, Controller):
         raise SceneError(f"`{type(law).__name__}.design` must return a control law, but it returned {made!r}.")
+    if isinstance(made, Controller) and made.name is None and type(made) is not type(law):
+        return dataclasses.replace(made, name=law_word(law))
     return made
+
+
+def law_word(law: Any) -> str:
+    """The first word of all names of a declared law, as `first_word` reads it from its part; of a function its own name."""
+    named = getattr(law, "name", None)
+    return named if isinstance(law, Controller) and named else getattr(law, "__name__", type(law).__name__).strip("<>").lower()
 
 
 @dataclass(frozen=True)
@@ -398,6 +410,8 @@ class Sampled(Renamed):
 class ZeroOrderHold(Component):
     """A sampled law as a part of the plant: it reads the signals through its sensors, and its outputs are held signals."""
 
+    holds_law: ClassVar[bool] = True
+
     law: Controller = field(default_factory=Controller)
     sensors: Sensors = field(default_factory=Sensors)
     sample_time: Any = quantity(0.01, "s", "sample time", above=0)
@@ -500,8 +514,8 @@ def names(value: str | Sequence[str]) -> tuple[str, ...]:
     return listed
 
 
-def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
-    """The part that stands for a Python callable; raises SceneError where its signals are unknown."""
+def callable_law(sampled: Sampled, plant: HybridSystem, word: str) -> External:
+    """The part that stands for a Python callable, word: the first of its names; raises SceneError where its signals are unknown."""
     law = sampled.law
     former = next((word for word in ("measures", "drives") if hasattr(law, word) and not isinstance(law, Renamed)), None)
     if former is not None:
@@ -540,6 +554,7 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         wanted=tuple(unit for _, unit in more.values()),
         defaults=tuple(float(value) for value, _ in more.values()) or None,
         sensors=sampled.sensors(asked),
+        name=word,
     )
 
 
@@ -567,7 +582,7 @@ class Takeover(Controller):
     """Two sampled controllers in one run: `before` acts until the time `at`, `after` acts from this time on, like a drive that is switched on.
 
     Until the takeover the memory of `after` keeps its start values. After the takeover the memory of `before` stays
-    constant. This memory is recorded as `before.<name>`. Signals that only one of the two controllers gives are
+    constant. This memory is recorded as `takeover.before.<name>`. Signals that only one of the two controllers gives are
     recorded during the whole run. A takeover has no continuous form.
 
     The design of some controllers, such as the predictive controllers, is a Python callable. If `before` or `after` is

@@ -21,7 +21,7 @@ class Relay(Element):
     With `higher_degree=True` the force may act on the surface through lags. The relay then switches each time the
     surface passes through zero, and never slides.
 
-    The controller of the example, `IdealSlidingMode`, contains a relay, the element `slidingmode`.
+    The controller of the example, `IdealSlidingMode`, contains a relay, the element `idealslidingmode`.
 
     Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992.
 
@@ -31,7 +31,7 @@ class Relay(Element):
     >>> from models import BitRock, wells
     >>> from toolbox import compose, simulate
     >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="60 kN")), "60 s", controller=IdealSlidingMode(reference="60 rpm"))
-    >>> print(f"on the surface for {run.time_in('slidingmode', 'stick', after=30.0):.1f} s of the last 30 s")
+    >>> print(f"on the surface for {run.time_in('idealslidingmode', 'stick', after=30.0):.1f} s of the last 30 s")
     on the surface for 30.0 s of the last 30 s
     """
 

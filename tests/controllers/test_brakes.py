@@ -17,7 +17,7 @@ from models.closed_forms import groan_growth
 from studies.questions import brakes
 from toolbox import Sampled, Scene, SceneError, compose, energy_audit, measure, simulate
 from toolbox.inputs import sine
-from toolbox.onsets import study
+from toolbox.onsets import verdicts
 from toolbox.scenes.verdict_table import table
 
 EVERY = {
@@ -271,13 +271,13 @@ def shipped(root, name):
 
 def test_the_verdict_of_a_stop_ends_at_standstill_and_does_not_call_a_standing_wheel_stuck(root):
     scene = shipped(root, "brake_laws")
-    rows = {label: study.verdict_row(scene, label)[0] for label in ("constant force", "eased force", "MPC")}
+    rows = {label: verdicts.verdict_row(scene, label)[0] for label in ("constant force", "eased force", "MPC")}
     assert [row.verdict for row in rows.values()] == ["stick-slip", "free", "free"]
     assert rows["constant force"].stuck > 0.02 and rows["eased force"].stuck == 0.0
     assert rows["eased force"].settling > rows["constant force"].settling > 2.0
-    without = study.verdict_row(dataclasses.replace(scene, standstill_speed=None), "eased force")[0]
+    without = verdicts.verdict_row(dataclasses.replace(scene, standstill_speed=None), "eased force")[0]
     assert without.verdict != "free"  # the wheel that stands
-    late = study.verdict_row(dataclasses.replace(scene, duration=1.0), "constant force")[0]
+    late = verdicts.verdict_row(dataclasses.replace(scene, duration=1.0), "constant force")[0]
     assert late.verdict == "does not stand" and late.settling == math.inf
     assert "standstill at 0.1 rad/s" in table(scene, [rows["MPC"]]) and "stands at" in table(scene, [rows["MPC"]])
 

@@ -15,7 +15,7 @@ from toolbox import Sampled, Scene, SceneError, Trajectory, closed_loop, compare
 from toolbox.commands.command_line import main
 from toolbox.measuring import metrics
 from toolbox.measuring.metrics import METRICS, metrics_of
-from toolbox.onsets.study import COLUMNS, verdict_row
+from toolbox.onsets.verdicts import COLUMNS, verdict_row
 from toolbox.scenes.verdict_table import table
 
 RIG = compose(wells.JANSEN_2, BitRock())

@@ -14,6 +14,7 @@ from toolbox.arguments import count_of
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.printing import Rows, Told
 from toolbox.files.unit_systems import reading
+from toolbox.measuring.sticks import stuck_ratio
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.numbers import Number
@@ -136,7 +137,7 @@ class Cycle(Told):
 
     def stick_share(self, element: str) -> float:
         """Return the fraction of the period during which an element sticks, from 0 to 1."""
-        return self.run.time_in(element, "stick") / self.period
+        return stuck_ratio(self.run, element)
 
     @property
     def main_signal(self) -> str:

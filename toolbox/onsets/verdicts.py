@@ -1,4 +1,4 @@
-"""A study: every controller of a scene simulated and judged; `toolbox.scenes.verdict_table` has the table."""
+"""Verdicts on the controllers of a scene: each is simulated and judged; `toolbox.scenes.verdict_table` has the table."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ def verdict_of(scene: Any, run: Trajectory) -> tuple[Verdict, dict[str, float], 
 
     scene: a scene, or a loop with all that a scene says of it.
     """
-    found = metrics_of(scene, run)
+    found = verdict_metrics(scene, run)
     words, judged = words_of(scene, run, found)
     return words, found, judged
 
 
-def metrics_of(scene: Any, run: Trajectory) -> dict[str, float]:
+def verdict_metrics(scene: Any, run: Trajectory) -> dict[str, float]:
     """The measures of the verdict on a run, by the names of their columns."""
     return {name: _number_of(name, run) for name in (COLUMNS if scene.standstill_speed is None else ("stuck", "settling", "peak"))}
 

@@ -198,10 +198,7 @@ def test_to_the_left_it_does_the_same_to_the_last_bit():
     """The machine is odd in its speeds, and so must be a law; a set-point that turns back is followed, and lifted only on the other side."""
     law = Sampled(Lifting(law=PI()), 0.01, delay=0.03)
     right, left = (simulate(RIG, 60.0, controller=law, inputs={"top.reference": sign * 8.0}) for sign in (1.0, -1.0))
-    assert (
-        np.array_equal(right["top.speed"], -left["top.speed"])
-        and right["lifting.lifts"][-1] == left["lifting.lifts"][-1] == 1.0
-    )
+    assert np.array_equal(right["top.speed"], -left["top.speed"]) and right["lifting.lifts"][-1] == left["lifting.lifts"][-1] == 1.0
     assert left["lifting.reference"].min() == -16.0
     back = simulate(RIG, 400.0, controller=law, inputs={"top.reference": ((0.0, 200.0, 200.0, 400.0), (8.0, 8.0, -8.0, -8.0))})
     assert back["lifting.lifts"][-1] == 2.0 and back.time_in("bit", "stick", after=300.0) == 0.0
@@ -211,10 +208,7 @@ def test_to_the_left_it_does_the_same_to_the_last_bit():
 def test_a_string_that_is_to_stop_is_not_lifted():
     law = Sampled(Lifting(law=SoftTorque()), 0.01, delay=0.03)
     run = simulate(RIG, 400.0, controller=law, inputs={"top.reference": ((0.0, 100.0, 100.0, 400.0), (8.0, 8.0, 0.0, 0.0))})
-    assert (
-        run["lifting.lifts"][-1] == run["lifting.gave_up"].max() == 0.0
-        and run.time_in("bit", "stick", after=250.0) == 150.0
-    )
+    assert run["lifting.lifts"][-1] == run["lifting.gave_up"].max() == 0.0 and run.time_in("bit", "stick", after=250.0) == 150.0
 
 
 def test_a_bit_that_sticks_once_for_longer_than_a_period_of_the_string_is_lifted():

@@ -502,5 +502,7 @@ def _cycle(bare: ClosedLoop, before: Controller, reference: float) -> Cycle:
     release = released[-1] if sticks else 200.0
     point = run.at(release)
     memory = [name for update in loop.system.updates for name in update.places]
-    start = {name: point[name] for name in bare.plant.states} | {f"before.{name}": point[name] for name in memory}
+    start = {name: point[name] for name in bare.plant.states} | {
+        f"takeover.before.{name.partition('.')[2]}": point[name] for name in memory
+    }
     return Cycle(start, float(released[-1] - released[-2]) if sticks else 8.0, float(release), sticks)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -186,12 +186,18 @@ _KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 def law_of(part: Component) -> Component:
     """The law that a part holds between its samples; any other part itself, whatever it calls `law`."""
-    return part.law if part.holds_law else part  # type: ignore[attr-defined, no-any-return]
+    return part.law if getattr(part, "holds_law", False) else part  # type: ignore[attr-defined, no-any-return]
 
 
 def holds_controller(part: Component) -> bool:
     """Whether a part has a controller as a field."""
     return any(hasattr(getattr(part, field.name), "actuated_signals") for field in fields_of(type(part)))
+
+
+def own_word(law: Component, memory: Iterable[State]) -> str:
+    """The first word of the labels of a controller's own states, which its word replaces; states of a controller that it holds have other ones."""
+    heads = [variable.label.partition(".")[0] for variable in memory]
+    return heads[0] if heads and not holds_controller(law) else type(law).__name__.lower()
 
 
 def first_word(part: Component) -> str:

@@ -28,9 +28,9 @@ from toolbox.modelling.components import (
     equations_of,
     first_word,
     governed,
-    holds_controller,
     law_of,
     numbers_of,
+    own_word,
     structure_of,
     symbolic_copy,
     unit_at,
@@ -192,15 +192,14 @@ class _Composer:
 
         equations = equations_of(symbolic, signal, title)
         memory = equations.update.memory if equations.update is not None else equations.flow
-        heads = [variable.label.partition(".")[0] for variable in memory]
         shared: set[str] = set()  # first words of signals of the plant, which keep them
         routes: Mapping[str, str] = {}
         if hasattr(law, "actuated_signals"):
-            routes, own = self.routes, first_word(component)
-            prefix = title.lower() if not heads or holds_controller(law) else heads[0]
+            routes, prefix, own = self.routes, own_word(law, memory), first_word(component)
             shared = {name.partition(".")[0] for name in (*names(law.actuated_signals), *names(law.measured_signals))}
         else:
-            prefix = (heads or [next(iter(equations.outputs), "").partition(".")[0]])[0] or title.lower()
+            first = next((variable.label for variable in memory), next(iter(equations.outputs), ""))
+            prefix = first.partition(".")[0] or title.lower()
             own = component.name or prefix
 
         def renamed(name: str) -> str:

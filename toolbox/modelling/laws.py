@@ -24,7 +24,7 @@ import numpy as np
 from toolbox.arguments import finite_array, number, refuse, whole
 from toolbox.errors import ControllerError, SceneError, suggest
 from toolbox.files.units import in_si
-from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
+from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields, own_word
 from toolbox.modelling.drive import drive_of
 from toolbox.modelling.elements import OptionalQuantities, Quantity, State, quantity, time
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -636,8 +636,9 @@ class Takeover(Controller):
                 f"The second law of a takeover must drive what the first one does, but they drive {driven[0]} and {driven[1]}."
             )
         first, second = self.before.sampled(signal, period), self.after.sampled(signal, period)
+        own = own_word(self.before, first.memory)
         for variable in first.memory:
-            variable.label = f"before.{variable.label}"
+            variable.label = f"before.{variable.label.removeprefix(f'{own}.')}"
         now = time >= self.at
         memory = {variable: ca.if_else(now, value, variable) for variable, value in second.memory.items()}
         memory |= {variable: ca.if_else(now, variable, value) for variable, value in first.memory.items()}

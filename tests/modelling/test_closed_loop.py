@@ -12,23 +12,17 @@ from controllers import (
     LQG,
     LQR,
     PI,
-    ActiveDamping,
-    HInfinity,
-    IdealSlidingMode,
     Lifting,
     LinearMPC,
     SoftTorque,
     StiffPI,
     SuperTwisting,
-    ZTorque,
 )
-from controllers.observers import DisturbanceObserver
 from models import BitRock, BlockOnBelt, wells
 from tests.plants import RIG
 from tests.refusals import refusals
 from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, simulate
 from toolbox.inputs import sine, step
-from toolbox.modelling import ObserverBasedController, Takeover
 from toolbox.modelling.clocks import Clock
 from toolbox.modelling.closed_loop import as_loop
 from toolbox.modelling.numbers import put_all
@@ -255,28 +249,11 @@ def test_several_numbers_are_put_together():
         put_all(LOOP, {"bit.wheight": 5.0})
 
 
-@pytest.mark.parametrize("sampled", [True, False])
-@pytest.mark.parametrize(
-    ("law", "word"),
-    [
-        (SoftTorque(), "softtorque"), (ActiveDamping(), "activedamping"), (StiffPI(), "stiffpi"), (SuperTwisting(), "supertwisting"),
-        (IdealSlidingMode(), "idealslidingmode"), (ZTorque(), "ztorque"), (LQR(), "lqr"), (LQG(), "lqg"), (HInfinity(), "hinfinity"),
-        (SoftTorque(name="top"), "top"), (Lifting(SoftTorque()), "lifting"), (Takeover(StiffPI(), SoftTorque(), at=1.0), "takeover"),
-        (ObserverBasedController(PI(), DisturbanceObserver()), "observerbasedcontroller"), (proportional, "proportional"),
-    ],
-)  # fmt: skip
-def test_all_numbers_of_a_controller_begin_with_one_word(law, word, sampled):
-    only = {"idealslidingmode": False, "supertwisting": True, "lifting": True, "takeover": True, "proportional": True}
-    if only.get(word, sampled) != sampled:
-        return
-    loop = closed_loop(RIG, Sampled(law, 0.01, delay=0.02, noise={"top.speed": 0.01}) if sampled else law)
-    plant = {*RIG.parameters, *RIG.states, *RIG.inputs, *RIG.signals, *loop.plant.signals}
-    own = [name for name in loop.variable_numbers() if not any(name == each or name.startswith(f"{each}.") for each in plant)]
-    own += [name for update in loop.system.updates for name in update.places]
-    given = {name for name in own if name.startswith(("top.reference", "estimate."))}  # signals, which every controller may share
-    assert own and {name.partition(".")[0] for name in {*own} - given} == {word}
-    if sampled:
-        assert {f"{word}.{last}" for last in ("sample_time", "delay", "jitter", "missed_samples", "sensors.noise.0")} <= {*own}
+def test_the_name_of_a_controller_is_the_first_word_of_all_its_numbers():
+    loop = closed_loop(RIG, Sampled(SoftTorque(name="top"), 0.01, noise={"top.speed": 0.01}))
+    own = {*loop.variable_numbers()} - {*closed_loop(RIG).variable_numbers(), "top.reference"}
+    words = ("proportional", "detuning", "angle", "sample_time", "delay", "jitter", "missed_samples", "sensors.noise.0")
+    assert {f"top.{word}" for word in words} <= own and {name.partition(".")[0] for name in own} == {"top"}
 
 
 def test_a_field_of_the_declared_controller_keeps_a_name_beside_that_of_the_controller_which_its_design_makes():

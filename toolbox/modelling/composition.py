@@ -40,7 +40,7 @@ from toolbox.modelling.elements import Element, State, time
 from toolbox.modelling.friction_groups import grouped
 from toolbox.modelling.garbage import uncollected
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
-from toolbox.modelling.laws import designed, names
+from toolbox.modelling.laws import Controller, External, designed, names
 from toolbox.modelling.switching import check_rates
 from toolbox.modelling.well_posed import check_numbers
 
@@ -196,7 +196,7 @@ class _Composer:
         memory = equations.update.memory if equations.update is not None else equations.flow
         shared: set[str] = set()  # first words of signals of the plant, which keep them
         routes: Mapping[str, str] = {}
-        if hasattr(law, "actuated_signals"):
+        if isinstance(law, (Controller, External)):
             routes, prefix, own = self.routes, own_word(law, memory), first_word(component)
             shared = {name.partition(".")[0] for name in (*names(law.actuated_signals), *names(law.measured_signals))}
         else:
@@ -213,7 +213,7 @@ class _Composer:
         def remembered(name: str) -> str:
             """The name of a state; one of a controller that holds another one keeps the word of that behind its own."""
             head, dot, tail = name.partition(".")
-            return own + dot + tail if head == prefix else f"{own}.{name}" if hasattr(law, "actuated_signals") else name
+            return own + dot + tail if head == prefix else f"{own}.{name}" if isinstance(law, (Controller, External)) else name
 
         originals = [twin for element in equations.elements for twin in (element, *element.companions)]
         elements = self._add_elements(component, originals, own, renamed)

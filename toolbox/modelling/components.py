@@ -186,8 +186,8 @@ _KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 
 def law_of(part: Component) -> Component:
-    """The law that a part holds between its samples; any other part itself, whatever it calls `law`."""
-    return part.law if getattr(part, "holds_law", False) else part  # type: ignore[attr-defined]
+    """The law for which a part stands, as a sampled one does; any other part itself, whatever it calls `law`."""
+    return law_of(part.law) if getattr(part, "holds_law", False) else part  # type: ignore[attr-defined]
 
 
 def holds_controller(part: Component) -> bool:

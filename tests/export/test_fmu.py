@@ -166,7 +166,7 @@ def test_outputs_are_right_after_initialisation_gains_can_be_set_and_what_is_not
     with pytest.raises(Exception, match="fmi2SetReal"):
         unit.setReal([references["top.torque"]], [1.0])
     with pytest.raises(Exception, match="fmi2SetReal"):
-        unit.setReal([references["memory.stiffpi.angle"]], [1.0])
+        unit.setReal([references["memory.softtorque.angle"]], [1.0])
     unit.terminate()
     other = fmpy.fmi2.FMU2Slave(guid="{another}", **kind)
     with pytest.raises(Exception, match="nstantiate"):

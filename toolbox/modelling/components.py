@@ -206,6 +206,11 @@ def first_word(part: Component) -> str:
     return part.name or type(law_of(part)).__name__.lower()
 
 
+def remembered(label: str, prefix: str, word: str) -> str:
+    """The name of a state of a controller, whose word stands in place of the prefix of its own states, and before those of a controller that it holds."""
+    return word + label.removeprefix(prefix) if label.partition(".")[0] == prefix else f"{word}.{label}"
+
+
 def fields_of(kind: type) -> tuple[_Field, ...]:
     """The declared fields of a part or law; looked up for every run, and therefore kept."""
     known = _FIELDS.get(kind)

@@ -32,6 +32,7 @@ from toolbox.modelling.components import (
     law_of,
     numbers_of,
     own_word,
+    remembered,
     structure_of,
     symbolic_copy,
     unit_at,
@@ -210,10 +211,8 @@ class _Composer:
             head, dot, tail = name.partition(".")
             return own + dot + tail if head == prefix and head not in shared else name
 
-        def remembered(name: str) -> str:
-            """The name of a state; one of a controller that holds another one keeps the word of that behind its own."""
-            head, dot, tail = name.partition(".")
-            return own + dot + tail if head == prefix else f"{own}.{name}" if isinstance(law, (Controller, External)) else name
+        def name_of(variable: State) -> str:
+            return remembered(variable.label, prefix, own) if isinstance(law, (Controller, External)) else renamed(variable.label)
 
         originals = [twin for element in equations.elements for twin in (element, *element.companions)]
         elements = self._add_elements(component, originals, own, renamed)
@@ -225,11 +224,11 @@ class _Composer:
         for (name, unit), (default, placeholder) in needs.items():
             self._need(renamed(name), unit, default, placeholder, title)
         for variable, derivative in equations.flow.items():
-            self._add_state(remembered(variable.label), variable, derivative, variable.unit)
+            self._add_state(name_of(variable), variable, derivative, variable.unit)
         for name, (expression, unit) in equations.outputs.items():
             self._give(renamed(name), ca.SX(expression), unit)
         if equations.update is not None:
-            self._add_update(equations.update, renamed, remembered)
+            self._add_update(equations.update, renamed, name_of)
         if equations.stored is not None:
             self.stored[own] = ca.SX(equations.stored)
         self.losses |= {f"{own}.{name}": ca.SX(power) for name, power in equations.losses.items()}
@@ -275,13 +274,13 @@ class _Composer:
         self.flow.append(derivative)
         self._give(name, ca.SX(variable), unit)
 
-    def _add_update(self, update: Update, renamed: Callable[[str], str], remembered: Callable[[str], str]) -> None:
+    def _add_update(self, update: Update, renamed: Callable[[str], str], name_of: Callable[[State], str]) -> None:
         """What a sampled law holds and remembers between its samples."""
         outputs = {renamed(name): value for name, value in update.outputs.items()}
         places: dict[str, tuple[int, int | None]] = {}
         first_held = sum(symbol.numel() for symbol in self.held)
         for variable in update.memory:
-            name = remembered(variable.label)
+            name = name_of(variable)
             if name in self.given or name in places:
                 raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
             places[name] = (sum(count_of(size) for _, size in places.values()), variable.length)

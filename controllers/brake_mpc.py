@@ -182,10 +182,10 @@ class PlannedStop(Stateful):
         return step, np.maximum(np.minimum(self.step, missing - risen), step)
 
     def within(self, force: float) -> float:
-        """The force inside its limits, exactly; one that is still below the lowest force rises as fast as it may."""
-        law, (fall, rises) = self.law, self.moves()
+        """Return the force within its limits, exactly. A force below the lowest force rises at the highest rate."""
+        law, (decrease, rises) = self.law, self.moves()
         force = min(max(force, law.lowest_force), law.highest_force)
-        return min(max(force, self.last - fall), self.last + float(rises[0]))
+        return min(max(force, self.last - decrease), self.last + float(rises[0]))
 
     def _learn(self, torque: float) -> None:
         law = self.law
@@ -210,9 +210,9 @@ class PlannedStop(Stateful):
         g[0] -= UNIT * self.last / law.force_step_scale**2
         low = np.full(N + self.slack, law.lowest_force / UNIT)
         high = np.full(N + self.slack, law.highest_force / UNIT)
-        fall, rises = self.moves()
+        decrease, rises = self.moves()
         low[:N] = np.minimum(low[:N], (self.last + np.cumsum(rises)) / UNIT)  # a force still rising to its lowest value
-        below, above = np.full(N, -fall / UNIT), rises / UNIT
+        below, above = np.full(N, -decrease / UNIT), rises / UNIT
         below[0] += self.last / UNIT
         above[0] += self.last / UNIT
         if self.slack:

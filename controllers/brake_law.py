@@ -162,6 +162,11 @@ class BrakeLaw(Controller):
         """The limits of the force, for whoever draws it."""
         return {"brake.force": (self.lowest_force, self.highest_force)}
 
+    @property
+    def rate_limits(self) -> dict[str, float | None]:
+        """The highest rate of the force, for whoever tells when it was reached."""
+        return {"brake.force": self.force_rate}
+
     def limited(self, wanted, speed, period, last):
         """The command, given the last one."""
         if self.margin is not None:

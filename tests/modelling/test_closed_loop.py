@@ -14,6 +14,7 @@ from tests.plants import RIG
 from tests.refusals import refusals
 from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, simulate
 from toolbox.inputs import sine, step
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.closed_loop import as_loop
 from toolbox.modelling.numbers import put_all
 
@@ -157,7 +158,7 @@ def test_a_number_that_only_the_design_knows_designs_the_law_anew():
 def test_a_sample_time_is_a_number_by_which_the_law_is_sampled():
     """Both the clock and the formulas of the law know it."""
     slower = LOOP.at("softtorque.sample_time", "20 ms")
-    assert slower.assembly.clocks == [(0.02, 0.0)] and slower.system.parameter("pi.sample_time") == 0.02
+    assert slower.assembly.clocks == [Clock(0.02)] and slower.system.parameter("pi.sample_time") == 0.02
     assert (
         slower
         == closed_loop(LOOP, SoftTorque(reference="45 rpm"), sample_time="20 ms")

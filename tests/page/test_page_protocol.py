@@ -23,7 +23,7 @@ from toolbox import Scene, closed_loop, measure, simulate
 from toolbox.commands.command_line import main
 from toolbox.errors import SceneError
 from toolbox.messages import step_here
-from toolbox.onsets.study import verdict_of, words_of
+from toolbox.onsets.verdicts import verdict_of, words_of
 from toolbox.page import answers, explore, maps
 from toolbox.page.controls import controls_of
 from toolbox.page.served import SOON, page_of

@@ -24,7 +24,7 @@ from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.measuring.judge import told_growth
+from toolbox.measuring.verdict import growth_in_words
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.closing import described
 from toolbox.modelling.components import numbers_of, rebuilt
@@ -150,7 +150,7 @@ class Schedule(Told, Result):
             lines.append(
                 (
                     f"{each.depth * read['m'].factor:.5g}", "designed" if each.designed else "between", *gains,
-                    shown(each.disk_margin), told_growth(each.rate), f"{each.failed} of {each.runs}", *parts,
+                    shown(each.disk_margin), growth_in_words(each.rate), f"{each.failed} of {each.runs}", *parts,
                 )
             )  # fmt: skip
         return lines

@@ -23,7 +23,7 @@ from toolbox.files.printing import columns, shown
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import NumberOrText
-from toolbox.measuring.judge import told_growth
+from toolbox.measuring.verdict import growth_in_words
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Controller
 from toolbox.scenes.situation import Situation
@@ -315,7 +315,7 @@ class LowestSetPoints(Result):
                 shown(each.disk_margin, ".2f"), shown(each.disk_margin_nominal, ".2f"),
                 shown(100.0 * each.time_above_setpoint, ".1f", " %"), shown(each.recovery_time, ".0f", " s"), shown(each.max_bit_speed * speed.factor, ".3g"),
                 shown(each.max_torque * torque.factor, ".3g"), shown(each.max_lifts, ".0f"), shown(each.relapses_per_hour, ".0f"),
-                shown(100.0 * each.max_weight_relief, ".1f", " %"), told_growth(each.growth_rate),
+                shown(100.0 * each.max_weight_relief, ".1f", " %"), growth_in_words(each.growth_rate),
             ]  # fmt: skip
             at_top = f"at {self.bounds[1] * speed.factor:.3g} {speed.unit}: " if math.isnan(each.lowest_set_point) else ""
             lines.append((*key, *said, at_top + each.why))

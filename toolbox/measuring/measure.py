@@ -19,104 +19,22 @@ from toolbox.arguments import number
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.halving import zero
-from toolbox.measuring.energy import EnergyAudit as EnergyAudit
-from toolbox.measuring.energy import energy_audit as energy_audit
-from toolbox.measuring.energy import gauss
+from toolbox.measuring.energy import EnergyAudit, energy_audit, gauss
 from toolbox.measuring.severity import Extent, check_definition, severity_of
+from toolbox.measuring.sticks import stick_intervals, stuck_ratio
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import check_run, scalar, window
 
 if TYPE_CHECKING:
     from toolbox.measuring.quintics import Steps
 
-
-# ------------------------------------------------------------------------------------------------------------------------- intervals of stick
-def stick_intervals(
-    run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None, *, mode: str = "stick"
-) -> list[tuple[float, float]]:
-    """Return begin and end [s] of every stick phase of a contact in a window.
-
-    Begin and end are located events, not recorded samples. Phases that reach over an end of the window are cut there.
-
-    Parameters
-    ----------
-    run
-        The run.
-    element
-        Name of the contact, such as "bit".
-    after, until
-        Begin and end of the window [s]. By default the whole run.
-    mode
-        The mode whose phases are returned, by default "stick". Another example is "closed" for a wall.
-
-    Returns
-    -------
-    list of (float, float)
-        Begin and end [s] of every phase, in order.
-
-    Raises
-    ------
-    SceneError
-        If the element is unknown, or the window lies outside the run.
-
-    Examples
-    --------
-    >>> from models import BlockOnBelt
-    >>> from toolbox import compose, measure, simulate
-    >>> run = simulate(compose(BlockOnBelt()), "60 s")
-    >>> for begin, end in measure.stick_intervals(run, "belt", after=20.0, until=50.0):
-    ...     print(f"{begin:.2f} s to {end:.2f} s")
-    21.44 s to 29.14 s
-    33.44 s to 41.14 s
-    45.44 s to 50.00 s
-    """
-    begin, end = window(run, after, until)
-    found: list[tuple[float, float]] = []
-    for first, last, word in run.intervals(element):
-        first, last = max(first, begin), min(last, end)
-        if word != mode or first >= last:
-            continue
-        if found and found[-1][1] == first:  # a release that is taken back at the same instant does not part two stays
-            found[-1] = (found[-1][0], last)
-        else:
-            found.append((first, last))
-    return found
+__all__ = [
+    "Contact", "EnergyAudit", "StickSlipPeriod", "contact", "cycles", "energy_audit", "extent", "mean_square", "overshoot", "rubbing_speed", "settling",
+    "severity", "standstill", "stick_intervals", "stuck_ratio",
+]  # fmt: skip
 
 
-def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
-    """Measure the fraction of the time during which a contact sticks, from 0 to 1.
-
-    Parameters
-    ----------
-    run
-        The run.
-    element
-        Name of the contact, such as "bit".
-    after, until
-        Begin and end of the window [s]. By default the whole run.
-
-    Returns
-    -------
-    float
-        Time in stick divided by the length of the window [1].
-
-    Raises
-    ------
-    SceneError
-        If the element is unknown, or the window lies outside the run.
-
-    Examples
-    --------
-    >>> from models import BlockOnBelt
-    >>> from toolbox import compose, measure, simulate
-    >>> run = simulate(compose(BlockOnBelt()), "60 s")
-    >>> print(f"{measure.stuck_ratio(run, 'belt', after=20.0):.3f}")
-    0.642
-    """
-    begin, end = window(run, after, until)
-    return run.time_in(element, "stick", begin, end) / (end - begin)
-
-
+# ------------------------------------------------------------------------------------------------------------------------------------------ cycles
 @dataclass(frozen=True)
 class StickSlipPeriod:
     """One cycle of stick-slip: slip from the release at `start` for the time `slip`, then stick for the time `stick` until the next release [s].

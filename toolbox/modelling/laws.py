@@ -24,6 +24,7 @@ import numpy as np
 from toolbox.arguments import finite_array, number, refuse, whole
 from toolbox.errors import ControllerError, SceneError, suggest
 from toolbox.files.units import in_si
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
 from toolbox.modelling.drive import drive_of
 from toolbox.modelling.elements import OptionalQuantities, Quantity, State, quantity, time
@@ -330,6 +331,11 @@ class Sampled(Renamed):
     def __post_init__(self) -> None:
         for word in ("period", "delay", "jitter"):
             object.__setattr__(self, word, in_si(getattr(self, word), "s", word))
+
+    @property
+    def clock(self) -> Clock:
+        """Sample time, delay, jitter and missed samples as one value."""
+        return Clock(*(float(getattr(self, name)) for name in Clock._fields))
 
     def with_sensor_units(self, unit: Callable[[str], str]) -> Sampled:
         """Return the same controller with noise and resolution as numbers in SI.

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 from toolbox.arguments import refuse
 from toolbox.errors import SceneError
 from toolbox.modelling import inputs as shapes
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.components import numbers_of
 from toolbox.modelling.design_fields import redesigned
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -176,9 +177,7 @@ class ClockKind(NumberKind):
     unit
         Its unit.
     attribute
-        Its field of `Sampled`.
-    column
-        Its place among the numbers of a clock: sample time, delay, jitter, probability of a missed sample.
+        Its field of `Sampled` and of `Clock`.
     """
 
     is_clock = True
@@ -186,12 +185,16 @@ class ClockKind(NumberKind):
     last_word: str = "sample_time"
     unit: str = "s"
     attribute: str = "period"
-    column: int = 0
+
+    @property
+    def column(self) -> int:
+        """Its place among the numbers of a clock."""
+        return Clock._fields.index(self.attribute)
 
     @property
     def enters_update(self) -> bool:
         """Whether it is a parameter of the update of a controller, too, as the sample time is."""
-        return self.column == 0
+        return self.attribute == "period"
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         index = sampled_owner(loop, name)
@@ -211,13 +214,11 @@ class ClockKind(NumberKind):
                 check_sampled(law, float(value))
 
     def in_run(self, run: Any, loop: Loop, name: str, value: float) -> dict[str, Any]:
-        sampled = [law for law in loop.controllers if isinstance(law, Sampled)]
-        clocks = [(float(law.period), float(law.delay)) for law in sampled]
-        irregular = [(float(law.jitter), float(law.missed_samples)) for law in sampled]
+        clocks = [law.clock for law in loop.controllers if isinstance(law, Sampled)]
         system, path = run.system, clock_path(loop, sampled_owner(loop, name))
         if self.enters_update and path is not None:
             system = system.with_parameters({path: value})
-        return {"system": system, "clocks": clocks, "irregular": irregular, "start": run.start.on_clocks(clocks)}
+        return {"system": system, "clocks": clocks, "start": run.start.on_clocks(clocks)}
 
 
 class StartKind(NumberKind):
@@ -256,17 +257,17 @@ SAMPLE_TIME = ClockKind(
     why="it is a sample time, by which a run has no slope, as its samples are taken at other instants: give `loop.at(name, value)` for each value",
 )  # fmt: skip
 DELAY = ClockKind(
-    "delay", last_word="delay", attribute="delay", column=1, borders=True, poles=True, of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
+    "delay", last_word="delay", attribute="delay", borders=True, poles=True, of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
     meaning="time from a sample until its outputs take effect", bounds={"at_least": 0.0},
     why="it is a delay, by which a run has no slope, as outputs arrive at other instants: give `loop.at(name, value)` for each value",
 )  # fmt: skip
 JITTER = ClockKind(
-    "jitter", last_word="jitter", attribute="jitter", column=2, of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
+    "jitter", last_word="jitter", attribute="jitter", of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
     meaning="largest lateness of a sample", bounds={"at_least": 0.0},
     why="it is jitter, with which a loop has no poles, and runs have no slope, as samples are taken at other instants: vary it by `sweep`",
 )  # fmt: skip
 MISSED = ClockKind(
-    "missed samples", last_word="missed_samples", unit="1", attribute="missed_samples", column=3, of_controller=True, redesigns=True,
+    "missed samples", last_word="missed_samples", unit="1", attribute="missed_samples", of_controller=True, redesigns=True,
     why_no_tuning=HARDWARE, meaning="probability that a sample is missed", bounds={"at_least": 0.0, "below": 1.0},
     why="it is a probability of missed samples, with which a loop has no poles, and runs have no slope: vary it by `sweep`",
 )  # fmt: skip

@@ -37,7 +37,7 @@ from toolbox.measuring.judge import Judged
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.onsets.borders import Edges, edges_of
-from toolbox.onsets.carried import JudgedRuns
+from toolbox.onsets.carried import JudgedRuns, is_run
 from toolbox.onsets.front import Front
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS, Plane, map_runs, steady_plane
 from toolbox.onsets.regions import MEANINGS
@@ -380,7 +380,7 @@ def severity_map(
             "halvings": halvings,
         }
         folder_of(Path(checkpoint))
-        search.journal = Journal(Path(checkpoint) / "runs.jsonl", fingerprints(search.base, plane.names, **asked), _is_run)
+        search.journal = Journal(Path(checkpoint) / "runs.jsonl", fingerprints(search.base, plane.names, **asked), is_run)
     front = Front(search=search, plane=plane, places=places, shape=shape, executor=executor)
     smooth = front.smooth()
     front.stopped()
@@ -426,11 +426,6 @@ def severity_map(
     if checkpoint is not None:
         found.save(Path(checkpoint) / "map.npz")
     return found
-
-
-def _is_run(result: Any) -> bool:
-    """Whether a result of a journal is what a run came to."""
-    return isinstance(result, list) and len(result) == 2 and isinstance(result[0], list) and isinstance(result[1], dict | None)
 
 
 def situation_of(loop: ClosedLoop) -> Situation:

@@ -18,8 +18,8 @@ from toolbox.errors import SceneError
 from toolbox.files.printing import columns
 from toolbox.halving import zero
 from toolbox.messages import sign_of_life
+from toolbox.modelling.clocks import check_regular
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.closing import check_regular
 from toolbox.modelling.laws import names
 from toolbox.modelling.numbers import Number, memory_places
 from toolbox.modelling.start import place_start
@@ -260,7 +260,7 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     if not isinstance(run, Trajectory):
         raise SceneError(f"Argument `run` must be a trajectory made by `simulate`, but it is {run!r}.")
     check_laws(run.run.system)
-    check_regular(run.run.irregular, "for a run to have derivatives")
+    check_regular(run.run.clocks, "for a run to have derivatives")
     from toolbox.orbits.variational import variational_equations
 
     if not run.program.formulas.explicit:  # derivatives follow explicit steps, stage by stage

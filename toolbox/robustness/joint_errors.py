@@ -36,7 +36,8 @@ from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.halving import halved
-from toolbox.measuring.judge import is_stick, told_growth
+from toolbox.measuring.sticks import is_stick, stuck_ratio
+from toolbox.measuring.verdict import growth_in_words
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import all_described
@@ -384,8 +385,8 @@ def _alone(trials: Trials, numbers: Sequence[WrongNumber], error: Error) -> str:
     verdict, judged = verdict_on(run, trials.contact, trials.speed, begun + trials.window)
     words = [str(verdict)]
     if judged is not None and judged.rate > 0.0:
-        words.append(f"smooth running {told_growth(judged.rate)}")
-    share = run.time_in(trials.contact, "stick", after=begun + trials.window) / (trials.duration - trials.window)
+        words.append(f"smooth running {growth_in_words(judged.rate)}")
+    share = stuck_ratio(run, trials.contact, begun + trials.window)
     if is_stick(share):
         words.append(f"{100.0 * share:.2g} % of the window stuck")
     if not math.isnan(worst.ripple):

@@ -20,8 +20,9 @@ import numpy as np
 from toolbox.arguments import mapping, number, numbers, short
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.units import NumberOrText
-from toolbox.measuring.judge import CALM, is_stick, told_growth
+from toolbox.measuring.judge import CALM
 from toolbox.measuring.metrics import Metric, maximum, mean, minimum, stuck_ratio
+from toolbox.measuring.sticks import is_stick
 from toolbox.measuring.verdict import (
     FREE,
     NO_STICK,
@@ -30,6 +31,7 @@ from toolbox.measuring.verdict import (
     STICKS_IN_WINDOW,
     STUCK,
     Verdict,
+    growing,
     of_quarters,
     quarters,
 )
@@ -314,7 +316,7 @@ class Trials:
         swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"]) if numbers["mean"] else math.inf
         calm = not is_stick(found.stuck) and swing < CALM
         if settled.rate > 0.0 and not is_stick(found.stuck):
-            return self._judged_as(found, Verdict(told_growth(settled.rate), failed=True, reason="smooth running is not stable"))
+            return self._judged_as(found, growing(settled.rate, "smooth running is not stable"))
         if calm and settled.rate < 0.0:
             return self._judged_as(found, FREE)
         return self._carried_on(found, machine, settled)

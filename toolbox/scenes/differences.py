@@ -13,6 +13,7 @@ from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring import metrics as listed
 from toolbox.measuring.metrics import Metric
+from toolbox.measuring.sticks import STICK
 from toolbox.scenes.judged import judged_in
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.recorded import Recorded
@@ -203,7 +204,7 @@ def _keys(first: Scene, second: Scene) -> tuple[Difference, ...]:
 def _of_contacts(first: Recorded, second: Recorded, after: float, last: float) -> Iterator[Metric]:
     """How each element that sticks in both runs does so."""
     for element, words in first._legends.items():
-        if "stick" in words.values() and "stick" in second._legends.get(element, {}).values():
+        if STICK in words.values() and STICK in second._legends.get(element, {}).values():
             yield from (each(element, after, last) for each in (listed.stuck_ratio, listed.stays, listed.longest_stay))
 
 

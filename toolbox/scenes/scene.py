@@ -66,6 +66,8 @@ class Scene(Labelled):
         standstill, and the stick phase in which the machine stands does not count.
     measured
         Measured results of the machine, which a study shows beside the simulated ones. None for no measurement.
+    units
+        {SI unit: unit for display}. By default the units that were typed, see `display_units`.
 
     Examples
     --------
@@ -93,6 +95,7 @@ class Scene(Labelled):
     inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
     parameters: Mapping[str, Number] = field(default_factory=dict)
     measured: Measured | None = None
+    units: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     @staticmethod
     def of(
@@ -201,12 +204,15 @@ class Scene(Labelled):
         return scene
 
     def save(self, path: str | Path) -> Path:
-        """Write the scene to a file, with every parameter in SI, and return the path. Loading the file gives an equal scene.
+        """Write the scene to a file, with every parameter in SI and the units for display, and return the path. Loading the file gives an equal scene.
 
         The file is written atomically. Raises SceneError if the file cannot be written, or if the class of a part is
         not in the catalogue of parts that scene files can name.
         """
-        saving.write({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.judged_contact}, Path(path))
+        saving.write(
+            {each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.judged_contact, "units": self.display_units},
+            Path(path),
+        )
         return Path(path)
 
     def settings(self) -> dict[str, Any]:
@@ -272,11 +278,12 @@ class Scene(Labelled):
         """Units for display, as {SI unit: unit}, such as {"rad/s": "rpm"}.
 
         If a number of the scene was given as text with a unit, such as reference="60 rpm", results in the same SI unit are
-        shown in the unit of this text.
+        shown in the unit of this text. The field `units` overrides these units.
         """
         laws = tuple(case.law for case in self.cases)
         inputs = (self.inputs, *(case.inputs for case in self.cases))
-        return asked_units(self.reference, self.standstill_speed, inputs, self.parameters, fields=(laws, self.parts))
+        typed = asked_units(self.reference, self.standstill_speed, inputs, self.parameters, self.start, fields=(laws, self.parts))
+        return {**typed, **self.units}
 
     def run(self, label: str) -> Trajectory:
         """Simulate one case, given by its label. Raises the errors of `simulate`, and SceneError if the label is unknown."""

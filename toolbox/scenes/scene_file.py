@@ -121,7 +121,18 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
             for name, value in _keys(data.get("parameters", {}), "parameters").items()
         },
         "measured": _measured(data["measured"], folder) if "measured" in data else None,
+        "units": {name: _unit_of(name, unit) for name, unit in _keys(data.get("units", {}), "units").items()},
     }
+
+
+def _unit_of(name: str, unit: Any) -> str:
+    """The unit in which numbers of an SI unit are shown."""
+    try:
+        parse(f"1 {name}", name)
+    except SceneError:
+        raise SceneError(f'Argument `units` must name SI units, such as "m/s", but `{name}` is none.') from None
+    parse(f"1 {_text(unit, f'units.{name}')}", name, f"units.{name}")
+    return str(unit)
 
 
 def _verdict_numbers(verdict: Mapping[str, Any], unit: str) -> dict[str, float | None]:

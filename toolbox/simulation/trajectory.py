@@ -372,26 +372,32 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         """States at times within the recorded steps that begin at the nodes `row`."""
         return states_between(self, times, row)
 
-    @cached_property
+    @property
     def every_step(self) -> Trajectory:
         """The same run with every step recorded. If every step is recorded already, this is the run itself. Otherwise the steps are computed again."""
         found = self.restart_nodes
-        if not found.passed.size:
-            return found
-        places, row = np.searchsorted(found.time, found.passed), np.searchsorted(found.time, found.passed, side="right") - 1
-        inside = found.interpolated(row, found.passed)
-        names = ("time", "states", "mode", "held")
-        whole = {name: np.insert(getattr(found, name), places, getattr(inside, name), axis=0) for name in names}
-        return _trajectory_again(type(found), found.program.formulas, {**found._told(), **whole, "passed": np.empty(0)})
+        return found._with_passed_steps if found.passed.size else found
 
     @cached_property
+    def _with_passed_steps(self) -> Trajectory:
+        """The run at its nodes and at the steps between them that are not recorded."""
+        places, row = np.searchsorted(self.time, self.passed), np.searchsorted(self.time, self.passed, side="right") - 1
+        inside = self.interpolated(row, self.passed)
+        names = ("time", "states", "mode", "held")
+        whole = {name: np.insert(getattr(self, name), places, getattr(inside, name), axis=0) for name in names}
+        return _trajectory_again(type(self), self.program.formulas, {**self._told(), **whole, "passed": np.empty(0)})
+
+    @property
     def restart_nodes(self) -> Trajectory:
         """The same run recorded at steps instead of output times, so that any state can be computed by one step from a recorded state.
 
-        If no output times were given, this is the run itself.
+        If no output times were given, this is the run itself. It is not kept in the run then: a run that holds itself stays in memory.
         """
-        if self.run.output_times is None:
-            return self
+        return self if self.run.output_times is None else self._at_steps
+
+    @cached_property
+    def _at_steps(self) -> Trajectory:
+        """The run with output times, carried out once more and recorded at its steps."""
         laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
         start = replace(self.run.start, controllers=())
         budget = UNHURRIED  # as far, however long it takes

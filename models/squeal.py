@@ -89,8 +89,9 @@ class SquealingPad(Component):
         )
 
     def flutter_friction(self) -> float:
-        """Compute the coefficient of friction above which steady sliding is unstable by flutter. inf if sliding in this
-        direction of the disc is always stable.
+        """Compute the coefficient of friction above which steady sliding is unstable by flutter.
+
+        The result is inf if sliding in this direction of the disc is stable for every coefficient.
 
             mu = [(k_xx - k_yy)^2 + 4 k_xy^2 + 2 (c^2 / m) (k_xx + k_yy)] / (4 |k_xy| k_c)
 

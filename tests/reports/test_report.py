@@ -44,7 +44,7 @@ law = "SoftTorque"
 
 
 class Page(html.parser.HTMLParser):
-    """The rows of all tables of a page, the lines of its preformatted texts, its paragraphs and captions, and everything that a browser would fetch."""
+    """The rows of all tables of a page, the lines of its preformatted texts, its paragraphs, points of lists and captions, and all that a browser fetches."""
 
     def __init__(self, text):
         super().__init__()
@@ -54,7 +54,7 @@ class Page(html.parser.HTMLParser):
     def handle_starttag(self, tag, attributes):
         assert tag not in ("script", "link", "iframe", "object")
         self.fetched += [value for name, value in attributes if name in ("src", "href", "srcset")]
-        self.inside = tag if tag in ("td", "th", "pre", "p", "figcaption", "text") else self.inside if tag in ("b", "code") else ""
+        self.inside = tag if tag in ("td", "th", "pre", "p", "li", "figcaption", "text") else self.inside if tag in ("b", "code") else ""
         if tag == "table":
             self.tables.append([])
         elif tag == "tr":

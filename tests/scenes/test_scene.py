@@ -317,7 +317,7 @@ MISTAKES = [
     (edited(', finish = "0.5 min"', ""), "key `finish` is missing in bit.weight.ramp"),
     (edited('part = "BitRock"', ""), "key `part` is missing in plant[2]"),
     (edited('label = "open loop"', ""), "key `label` is missing in controllers[1]"),
-    (edited('label = "open loop"', 'label = "open loop"\nproportional = 3'), "no key `proportional` in open loop"),
+    (edited('label = "open loop"', 'label = "open loop"\nproportional = 3'), "no key `proportional` in controller `open loop`, which has no `law`"),
     (edited('sample_time = "10 ms"', ""), "`delay` of `stiff PI, 100 Hz` must come with `sample_time`"),
     # names
     (edited('"BitRock"', '"BitRok"'), "no part `BitRok`: did you mean `BitRock`"),
@@ -376,7 +376,7 @@ MISTAKES = [
     ("title = 'a'\nduration = 1\n[[plant]]\npart = 'wells.JANSEN_2'", "must have a contact that can stick"),
     ("title = 'a'\nduration = 1\nstart = 3\n[[plant]]\npart = 'BlockOnBelt'", "`start` must be a table"),
     ("title = 'a'\nduration = 1\ncontrollers = 3\n[[plant]]\npart = 'BlockOnBelt'", "must be written as [[controllers]]"),
-    ("title = 'a'\nduration = 1\n[[plant]]\npart = 'BitRock'", "Nobody gives the signal `bit.speed`"),
+    ("title = 'a'\nduration = 1\n[[plant]]\npart = 'BitRock'", "BitRock needs the signal `bit.speed`"),
     (BELT + "[[controllers]]\nlabel = 'pi'\nlaw = 'StiffPI'", "Controller `pi`: "),
     # laws inside others
     (edited('law = "SlidingMode"', 'law = "Lifting"'), '`Lifting` acts around another law: name that one under `law`, and write `inside = "Lifting"`'),
@@ -388,7 +388,7 @@ MISTAKES = [
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", observer = 3 }'), "`Lifting.observer` must be a table with `law`"),
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", observer = { law = "PI" } }'), "`observer` must be a StringObserver"),
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = "StringObserverController"'), "The key `observer` is missing in `StringObserverController`"),
-    (edited('label = "open loop"', 'label = "open loop"\ninside = "Lifting"'), "no key `inside` in open loop"),
+    (edited('label = "open loop"', 'label = "open loop"\ninside = "Lifting"'), "no key `inside` in controller `open loop`, which has no `law`"),
     (edited('law = "SlidingMode"', 'law = "IdealSlidingMode"\nsample_time = "10 ms"'), "Controller `sliding mode`: IdealSlidingMode has no sampled form"),
 ]  # fmt: skip
 

@@ -646,8 +646,8 @@ def test_a_scene_brings_its_controller_its_window_and_its_inputs():
     [
         ({"bit.wait": [1.0]}, "There is no number `bit.wait` in this loop: did you mean `bit.weight`"),
         ({"bit.weight": [1e3, -1.0]}, r"Argument `bit.weight` must be >= 0 N, but it is -1.0"),
-        ({"bit.weight": [1e3, math.nan]}, "Argument `bit.weight` must be a row of finite numbers"),
-        ({"bit.weight": 3.0}, "Argument `bit.weight` must be a row of finite numbers"),
+        ({"bit.weight": [1e3, math.nan]}, "Argument `bit.weight` must be a list of finite numbers"),
+        ({"bit.weight": 3.0}, "Argument `bit.weight` must be a list of finite numbers"),
         ({"chain.inertia": [1.0]}, "`chain.inertia` must be one number, but it has 2 entries: name one"),
         ({"pi.period": [0.01, 0.02]}, "`pi.period` is named `pi.sample_time` now"),
         ({}, "must name at least one number"),

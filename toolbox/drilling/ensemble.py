@@ -235,7 +235,13 @@ class EnsembleFilter:
         return np.concatenate([single, *(each.ravel() for each in (states, self.logs, self.load, self.ring))])
 
     def set_memory(self, values: FloatArray) -> None:
-        """Restore a memory that `get_memory` returned."""
+        """Restore a memory that `get_memory` returned.
+
+        Parameters
+        ----------
+        values
+            The array that `get_memory` returned.
+        """
         n = self.members
         count, self.time, self.surprise, self.since, filled, self.now, begun = values[:7].tolist()
         self.count, self.filled = int(count), int(filled)
@@ -257,8 +263,8 @@ class EnsembleFilter:
         speed
             Measured top speed [rad/s]. nan if it was not measured.
         weight
-            Measured weight on bit [N]. If it is None or nan, the last known value is used. Before the first known
-            value, the declared weight is used.
+            Measured weight on bit [N]. If it is None (default) or nan, the last known value is used. Before the first
+            known value, the weight of the plant is used.
 
         Returns
         -------
@@ -388,7 +394,13 @@ class EnsembleFilter:
         )
 
     def sliding(self, speed: FloatArray) -> FloatArray:
-        """Return the torque of the declared rock [N m] at speeds >= 0 [rad/s]."""
+        """Return the torque of the declared rock [N m] at speeds >= 0 [rad/s].
+
+        Parameters
+        ----------
+        speed
+            Speeds of the bit [rad/s], >= 0.
+        """
         if not hasattr(self, "_curve"):
             element, plant = self.plant.elements[self.contact], self.plant
             row = np.zeros(self.rollout.n)

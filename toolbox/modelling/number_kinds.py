@@ -242,45 +242,47 @@ INPUT = InputKind("input", has_slope=True, borders=True, poles=True)
 PARAMETER = ParameterKind("parameter", has_slope=True, borders=True, poles=True, of_controller=True)
 DESIGN = DesignKind(
     "design", of_controller=True, redesigns=True,
-    why="only the design of a law knows it, so that no equation of the loop has a slope by it: vary a gain that it gives",
+    why="only the design of a controller uses it, so the equations of the loop have no derivative by it: vary a gain that the design gives",
 )  # fmt: skip
 SHAPE = ShapeKind("shape", why="it shapes an input in time, and steady running has constant inputs")
 NODE = NodeKind(
-    "node", sets_up=False, why="it is a number of a table in time, by which no slope is carried: give `loop.at(name, value)` for each value",
-    why_no_sweep="is a table, whose times and values all runs share; simulate `loop.at(name, value)` for each",
+    "node", sets_up=False, why="it is a number of a table in time, by which no derivative is computed: use `loop.at(name, value)` for each value",
+    why_no_sweep="is a table, which is the same in all runs; simulate `loop.at(name, value)` for each value",
 )  # fmt: skip
 HARDWARE = "it belongs to the hardware of the controller, and a search would end at a bound of its range"
 """Why `tune` does not vary clocks and sensors."""
 
 SAMPLE_TIME = ClockKind(
     "sample time", borders=True, poles=True, of_controller=True, redesigns=True, why_no_tuning=HARDWARE, meaning="sample time", bounds={"above": 0.0},
-    why="it is a sample time, by which a run has no slope, as its samples are taken at other instants: give `loop.at(name, value)` for each value",
+    why="it is a sample time, by which a run has no derivative, because a new value moves all samples: use `loop.at(name, value)` for each value",
 )  # fmt: skip
 DELAY = ClockKind(
     "delay", last_word="delay", attribute="delay", borders=True, poles=True, of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
     meaning="time from a sample until its outputs take effect", bounds={"at_least": 0.0},
-    why="it is a delay, by which a run has no slope, as outputs arrive at other instants: give `loop.at(name, value)` for each value",
+    why="it is a delay, by which a run has no derivative, because a new value moves all outputs in time: use `loop.at(name, value)` for each value",
 )  # fmt: skip
 JITTER = ClockKind(
     "jitter", last_word="jitter", attribute="jitter", of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
     meaning="largest lateness of a sample", bounds={"at_least": 0.0},
-    why="it is jitter, with which a loop has no poles, and runs have no slope, as samples are taken at other instants: vary it by `sweep`",
+    why="it is jitter, with which a loop has no poles and a run has no derivatives: vary it with `sweep`",
 )  # fmt: skip
 MISSED = ClockKind(
     "missed samples", last_word="missed_samples", unit="1", attribute="missed_samples", of_controller=True, redesigns=True,
     why_no_tuning=HARDWARE, meaning="probability that a sample is missed", bounds={"at_least": 0.0, "below": 1.0},
-    why="it is a probability of missed samples, with which a loop has no poles, and runs have no slope: vary it by `sweep`",
+    why="it is a probability of missed samples, with which a loop has no poles and a run has no derivatives: vary it with `sweep`",
 )  # fmt: skip
 NOISE = ParameterKind(
     "noise", borders=True, of_controller=True, why_no_tuning=HARDWARE,
-    why="it is the noise of a sensor, of which smooth running and cycles without noise know nothing",
+    why="it is the noise of a sensor, which has no influence on smooth running and cycles, because they are computed without noise: vary it with `sweep`",
 )  # fmt: skip
 RESOLUTION = ParameterKind(
     "resolution", borders=True, of_controller=True, why_no_tuning=HARDWARE,
-    why="it is the step of an encoder, by which the equations of the loop have no slope: what is read jumps from step to step",
+    why="it is the step of an encoder, by which the equations of the loop have no derivative, because the measured value jumps",
 )  # fmt: skip
-START = StartKind("start", sets_up=False, why="it is a start value, of which a motion that has settled knows nothing")
-SHIFT = ShiftKind("shift", why="it is the shift of a channel of a recording, which a fit alone knows")
+START = StartKind(
+    "start", sets_up=False, why="it is a start value, which has no influence on steady running and cycles: vary it with `sweep`"
+)
+SHIFT = ShiftKind("shift", why="it is the time shift of a recorded channel, which only `fit` can estimate")
 
 SENSOR_KINDS = {"noise": NOISE, "resolution": RESOLUTION}
 """{last field of a parameter of `Sensors`: its kind}."""

@@ -61,7 +61,7 @@ def limit_cycle(
         A loop or a plant, which is first simulated for `settle` seconds. Or a run that has settled, such as
         `scene.run(label)`.
     settle
-        Length of the first run of a loop [s].
+        Length of the first run of a loop [s]. By default None, for a run that has settled already.
     period
         Period of the motion [s], depending on the machine:
 
@@ -72,7 +72,7 @@ def limit_cycle(
         - With a sampled controller: the period of the alternating reference or load, an integer multiple of the sample
           time.
     accuracy
-        Accuracy of the runs inside the search.
+        Target for the global error of the runs inside the search, by default 1e-11.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def limit_cycle(
     CycleError
         If no periodic motion is found.
     GrazingError
-        If the cycle touches a switching surface without crossing it.
+        If the cycle touches a switching surface (the limit at which a contact changes its mode) without crossing it.
     SceneError
         If an argument is out of its bounds, or does not fit the loop.
 

@@ -119,7 +119,13 @@ class Cycle(Told):
         return signature_of(self.run)
 
     def extremes(self, signal: str) -> tuple[float, float]:
-        """Return the smallest and the largest value of a scalar signal over the period."""
+        """Return the smallest and the largest value of a scalar signal over the period.
+
+        Parameters
+        ----------
+        signal
+            Name of a scalar signal, such as "block.speed".
+        """
         found = []
         for sign in (1.0, -1.0):
             times = np.unique(np.concatenate([self.run.time, np.linspace(0.0, self.run.end, 400)]))
@@ -131,12 +137,24 @@ class Cycle(Told):
         return found[0], found[1]
 
     def amplitude(self, signal: str) -> float:
-        """Return half of the difference between the largest and the smallest value of a scalar signal over the period."""
+        """Return half of the difference between the largest and the smallest value of a scalar signal over the period.
+
+        Parameters
+        ----------
+        signal
+            Name of a scalar signal, such as "block.speed".
+        """
         low, high = self.extremes(signal)
         return (high - low) / 2
 
     def stick_share(self, element: str) -> float:
-        """Return the fraction of the period during which an element sticks, from 0 to 1."""
+        """Return the fraction of the period during which an element sticks, from 0 to 1.
+
+        Parameters
+        ----------
+        element
+            Name of the element, such as "bit".
+        """
         return stuck_ratio(self.run, element)
 
     @property

@@ -205,7 +205,7 @@ def check_laws(system: HybridSystem) -> None:
         if part.sensors.resolution is not None:
             raise SceneError(
                 f"Argument `resolution` must be left out for a run to have derivatives, but the encoder of `{part.sensors.coarse[0]}` has steps, "
-                "and what is rounded has the derivative 0."
+                "and a rounded measurement has the derivative 0."
             )
 
 

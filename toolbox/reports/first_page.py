@@ -165,7 +165,7 @@ def _situation(scene: Scene) -> str:
         words.append(f"set-point {scene.reference * read.factor:.4g}{read.tail}")
     if scene.standstill_speed is not None:
         words.append(f"judged until standstill ({scene.standstill_speed * read.factor:.4g}{read.tail})")
-    return ", ".join([*words, f"with {held.surroundings}"])
+    return ", ".join([*words, f"with {held.surroundings}", held.design, f"for {held.duration}"])
 
 
 def _advice(scene: Scene, rows: Sequence[Row]) -> dict[str, str]:
@@ -209,8 +209,9 @@ def of_answers(found: Answers) -> Findings:
     further = "`stickslip answer --range`, which also finds the lowest set-point for each start." if not lowest else (
         "`stickslip chance` with all uncertain numbers at once, at the set-point that is chosen."
     )  # fmt: skip
+    where = "from the starts in the heads of the columns; the line `Holds for` below names plant, design, surroundings and duration"
     return Findings(
-        found.title, END, f"{found.title} {turned}, from the starts in the heads of the columns", cases, tuple(prices),
+        found.title, END, f"{found.title} {turned}, {where}", cases, tuple(prices),
         f"{_span(counts)} runs of each controller{number_off}.",
         {ALL: further, SOME: further, NONE: "a higher set-point, which `stickslip answer --range` finds for each start."},
     )  # fmt: skip

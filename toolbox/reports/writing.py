@@ -36,8 +36,8 @@ def report(*results: Any, path: str | os.PathLike[str], title: str | None = None
     title
         Title of the page. By default the title of the first result.
     pdf
-        Whether a PDF is written beside the page, by Chromium or by WeasyPrint, one of which must be installed. The HTML
-        page is written first.
+        Whether a PDF is written beside the page, by Chromium or by WeasyPrint, one of which must be installed. By
+        default False. The HTML page is written first.
 
     Returns
     -------

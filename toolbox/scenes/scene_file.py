@@ -63,7 +63,9 @@ def _data(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(given)
     except (ValueError, RecursionError) as error:
-        raise SceneError(f"the file must be TOML, but: {error}.") from None
+        unquoted = re.search(r"^\s*[\w.\"' -]+=\s*(-?[0-9.]+\s*[a-zA-Z%][^\n#\"']*?)\s*(?:#.*)?$", given, re.MULTILINE)
+        hint = "" if unquoted is None else f' A number with a unit needs quotes: "{unquoted[1]}".'
+        raise SceneError(f"the file must be TOML, but: {error}.{hint}") from None
 
 
 def contact_body(data: Mapping[str, Any]) -> str | None:
@@ -267,7 +269,7 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
     label = _text(data["label"], f"{where}.label")
     own = keys.names("[[controllers]]")
     if "law" not in data:
-        _keys(data, label, ("label", "inputs"))
+        _keys(data, f"controller `{label}`, which has no `law`", ("label", "inputs", "law"))
         return Case(label, inputs=inputs_of(data.get("inputs", {}), f"{label}.inputs", plant, ()))
     named, known = data["law"], {}
     if isinstance(named, dict):

@@ -395,7 +395,7 @@ def steady_loop(loop: ClosedLoop, guess: Mapping[str, Any] | None = None) -> Ste
     """
     near = mapping("guess", guess)
     if not loop.controllers:
-        raise SceneError("Argument `loop` must hold a control law, but there is none.")
+        raise SceneError("Argument `loop` must contain a controller, but it has none: give one, `closed_loop(plant, controller)`.")
     if loop.depends_on_time:
         raise NoDerivative("time itself enters the equations of the loop")
     place_starts(loop.system, np.zeros(loop.system.x.numel()), {name: value for name, value in near.items() if not _remembered(loop, name)})

@@ -157,8 +157,8 @@ def _designs(loop: ClosedLoop, numbers: Sequence[Number], points: np.ndarray, br
         own = [k for k, index in of.items() if index == law]
         if not isinstance(loop.designed_controllers[law], Controller):
             raise SceneError(
-                f"Argument `{numbers[own[0]].name}` must not be varied in a sweep: the law is designed as a function of Python, which all runs share; "
-                "simulate `loop.at(name, value)` for each."
+                f"Argument `{numbers[own[0]].name}` must not be varied in a sweep: the design of this controller is a Python "
+                "callable, which is the same in all runs; simulate `loop.at(name, value)` for each value."
             )
         rows, which = np.unique(points[:, own], axis=0, return_inverse=True)
         gains = np.tile(loop.system.values, (len(rows), 1))

@@ -48,7 +48,7 @@ LOOPS = {
     ),
     "ring of frictions": closed_loop(compose(Stack()), inputs={"drive.torque": sine(0.4, 4.0, 0.3)}),
     "prescribed motion": closed_loop(compose(RubbedArm()), inputs={"drive.torque": sine(0.0, 1.0, 1 / math.pi)}),
-    "yoke": closed_loop(compose(ScotchYoke(damping=1.0)), start={"crank.speed": 1.3}, inputs={"crank.torque": sine(0.0, 1.0, 0.3)}),
+    "yoke": closed_loop(compose(ScotchYoke(damping=0.2)), start={"crank.speed": 1.3}, inputs={"crank.torque": sine(0.0, 1.0, 0.3)}),
     "backlash": closed_loop(compose(BacklashDrive()), inputs={"driver.force": sine(0.0, 4.0, 0.32)}),
     "gear stage": closed_loop(compose(GearStage()), inputs={"input.torque": sine(0.0, 10.0, 1.0)}),
     "wagons": closed_loop(compose(Wagons()), inputs={"drive.torque": sine(1.0, 3.5, 0.2)}),
@@ -178,8 +178,12 @@ def test_limit_cycles_close(name):
             limit_cycle(LOOPS[name], 60.0)
     cycle = limit_cycle(LOOPS[name], 60.0, period=math.pi if name == "prescribed motion" else None)
     again = simulate(LOOPS[name], 41 * cycle.period, accuracy=1e-11)
-    last, before = (again.at(k * cycle.period)[speed(name)] for k in (41, 40))
-    assert last == pytest.approx(before, abs=1e-6)
+    last, before, earlier = (again.at(k * cycle.period)[speed(name)] for k in (41, 40, 39))
+    slowest = np.abs(cycle.multipliers).max(initial=0.0)
+    if cycle.stable and slowest > 0.6:  # round by round the motion comes nearer by the largest multiplier
+        assert (last - before) / (before - earlier) == pytest.approx(slowest, rel=1e-2)
+    else:
+        assert last == pytest.approx(before, abs=1e-6)
 
 
 @each
@@ -198,7 +202,9 @@ def test_an_inertia_is_found_again_by_a_fit(name):
 @pytest.mark.parametrize("name", [name for name, loop in LOOPS.items() if loop.inputs])
 def test_linear_systems_and_onsets_ask_for_a_torque_that_stands_still(name):
     loop = LOOPS[name]
-    with pytest.raises(SceneError, match=rf"`{next(iter(loop.inputs))}` must be a number for a linear system, but the loop varies it in time"):
+    with pytest.raises(
+        SceneError, match=rf"`{next(iter(loop.inputs))}` must be a number for a linear system, but the loop varies it in time"
+    ):
         linearise(loop)
 
 

@@ -42,6 +42,8 @@ from .elastic.slider import ElasticSlider as ElasticSlider
 from .elastic_rock import ElasticRock as ElasticRock
 from .flow_line import FlowLine as FlowLine
 from .flow_line import OutletRCR as OutletRCR
+from .friction_calibration import FrictionCalibration as FrictionCalibration
+from .friction_calibration import calibrate_friction as calibrate_friction
 from .friction import Coulomb as Coulomb
 from .friction import CubicStribeck as CubicStribeck
 from .friction import Exponential as Exponential
@@ -81,6 +83,8 @@ from .torque_and_drag import TorqueDrag as TorqueDrag
 from .torque_and_drag import TorqueDragOperations as TorqueDragOperations
 from .torque_and_drag import torque_drag as torque_drag
 from .torque_and_drag import torque_drag_operations as torque_drag_operations
+from .torque_drag_effects import TorqueDragEffects as TorqueDragEffects
+from .torque_drag_effects import torque_drag_effects as torque_drag_effects
 from .torsional_pendulum import TorsionalPendulum as TorsionalPendulum
 from .valve_spool import ValveSpool as ValveSpool
 from .wall_friction import StringOnWall as StringOnWall

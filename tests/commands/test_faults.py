@@ -117,9 +117,12 @@ def quick(monkeypatch):
         monkeypatch.setattr(figures, name, lambda *arguments: arguments[-1].touch())
 
 
-@pytest.mark.parametrize("exchange", [True, False], ids=["", "no exchange of folders"])
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("exists", [False, True], ids=["new", "in place of an earlier one"])
+@pytest.mark.parametrize(
+    ("exists", "exchange"),
+    [(False, True), (True, True), (True, False)],  # nothing is exchanged where nothing is
+    ids=["new", "in place of an earlier one", "in place of an earlier one, no exchange of folders"],
+)
 def test_a_study_with_a_failing_file_operation_leaves_the_old_or_the_new(tmp_path, monkeypatch, quick, capsys, kind, exists, exchange):
     monkeypatch.setattr("toolbox.files.atomic._exchanged", (lambda *paths: False) if not exchange else _exchanged)
     scene, out = tmp_path / "belt.toml", tmp_path / "above" / "out"

@@ -118,11 +118,25 @@ def results(tmp_path_factory):
     return folder / "out"
 
 
-@pytest.mark.parametrize("exists", [False, True], ids=["a new folder", "a folder with results"])
 @pytest.mark.parametrize(
-    "patch", [IN_A_CALLBACK, LOST, IN_MACHINE_CODE, IN_A_HARD_FINALLY, TWICE],
-    ids=["in a callback of machine code", "caught by somebody", "in machine code", "before a long cleaning up", "twice"],
-)  # fmt: skip
+    ("patch", "exists"),  # only where nobody may clean up could earlier results be at risk
+    [
+        (IN_A_CALLBACK, False),
+        (LOST, False),
+        (IN_MACHINE_CODE, False),
+        (IN_A_HARD_FINALLY, False),
+        (IN_A_HARD_FINALLY, True),
+        (TWICE, False),
+    ],
+    ids=[
+        "in a callback of machine code",
+        "caught by somebody",
+        "in machine code",
+        "before a long cleaning up",
+        "beside earlier results",
+        "twice",
+    ],
+)
 def test_an_interrupt_ends_the_study_wherever_it_arrives(tmp_path, patch, exists, results):
     out = tmp_path / "out"
     (tmp_path / "belt.toml").write_text(BELT)

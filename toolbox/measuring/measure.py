@@ -162,7 +162,7 @@ def mean_square(run: Recorded, signal: str, target: float = 0.0, *, after: Numbe
     signal
         Name of a scalar signal, such as "bit.speed".
     target
-        The target, in the SI unit of the signal.
+        The target, in the SI unit of the signal, by default 0.
     after, until
         Begin and end of the window [s]. By default the whole run.
 
@@ -256,9 +256,10 @@ def severity(
     after, until
         Begin and end of the window [s]. By default the whole run.
     definition
-        One of the four definitions above.
+        One of the four definitions in the table above, by default "half-range".
     reference
-        The set-point, in the SI unit of the signal or as text with a unit. Only for the definition "reference".
+        The set-point, in the SI unit of the signal or as text with a unit. Only for the definition "reference", by
+        default None.
 
     Returns
     -------
@@ -311,7 +312,7 @@ def settling(
         The target, in the SI unit of the signal or as text with a unit. Or the name of a signal, such as
         "top.reference": its value at the end of the window is the target.
     band
-        Half-width of the band, as a fraction of `size`.
+        Half-width of the band, as a fraction of `size`, by default 0.02.
     after, until
         Begin and end of the window [s]. By default the whole run.
     size
@@ -373,7 +374,7 @@ def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberO
     signal
         Name of a scalar signal, such as "disc.speed".
     speed
-        The value that counts as standstill, in the SI unit of the signal.
+        The value that counts as standstill, in the SI unit of the signal, by default 0.
     after, until
         Begin and end of the window [s]. By default the whole run.
 

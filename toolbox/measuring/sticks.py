@@ -29,12 +29,6 @@ def lasts(begin, end):
     return begin < end
 
 
-def _stays(run: Recorded, element: str, after: float, until: float, mode: str) -> list[tuple[float, float]]:
-    """(begin, end) [s] of the stays that last, cut at a window."""
-    cut = ((max(begin, after), min(end, until)) for begin, end in run._stays_in(element, mode))
-    return [(begin, end) for begin, end in cut if lasts(begin, end)]
-
-
 def joined(stays: Iterable[Sequence[float]]) -> list[tuple[float, float]]:
     """Return stays (begin, end) in order, with those joined that touch: a release that is taken back at once does not part two sticks."""
     found: list[tuple[float, float]] = []
@@ -85,12 +79,14 @@ def stick_intervals(
     33.44 s to 41.14 s
     45.44 s to 50.00 s
     """
-    return joined(_stays(run, element, *window(run, after, until), mode))
+    first, last = window(run, after, until)
+    cut = ((max(begin, first), min(end, last)) for begin, end in run._stays_in(element, mode))
+    return joined(stay for stay in cut if lasts(*stay))
 
 
 def stick_time(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None, *, mode: str = STICK) -> float:
     """Return the time that a contact spends in stick [s]; the arguments are those of `stick_intervals`."""
-    return float(sum(end - begin for begin, end in _stays(run, element, *window(run, after, until), mode)))
+    return run.time_in(element, mode, *window(run, after, until))
 
 
 def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:

@@ -70,7 +70,7 @@ def onset(
     initial_controller: Controller | Sampled | None = None,
     checkpoint: str | Path | None = None,
 ) -> Onset:
-    """Find the borders of one parameter or input between smooth running, stick-slip and standstill.
+    """Find the values of one parameter or input at which smooth running, stick-slip and standstill begin and end.
 
     Use it to find, for example, the lowest set-point or the highest weight on bit at which a machine runs smoothly, and
     the margin of the operating point to this border. The result also contains the Hopf points of smooth running. This
@@ -99,25 +99,26 @@ def onset(
         Range (low, high) of the parameter, in SI or text with units. With ("20 rpm", "120 rpm") report and figure are
         in rpm.
     mode
-        {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide at
-        the start.
+        {contact or relay: mode} of the steady state, such as {"bit": "slip+"}. By default contacts slide in the
+        direction in which they slide at the start.
     guess
-        {state: value} near the steady state at the operating point. Needed if no steady state is found without it, for
-        example under a drive with limits.
+        {state: value} near the steady state at the operating point, as a start of the search. By default None: the
+        search starts without a guess. Needed if this search fails, for example under a drive with limits.
     num_values
-        Number of values at which smooth running and stick-slip are simulated.
+        Number of values of the parameter at which smooth running and stick-slip are simulated, by default 13.
     tolerance
-        Tolerance of borders that come from runs, in the unit of the parameter. By default 1/5000 of the range.
+        Tolerance of borders that are found by runs, in the SI unit of the parameter. By default 1/5000 of the range.
     duration
-        Longest time for which a run is continued until its regime is decided [s]. By default 2000 periods of the least
-        damped motion.
+        Longest time for which a run is continued until its regime (smooth running, stick-slip or standstill) is decided
+        [s]. By default 2000 periods of the least damped motion.
     perturbation
-        Disturbance of smooth running, as a fraction of the steady slip.
+        Disturbance of smooth running at the start of a run, as a fraction of the steady slip speed, by default 0.001.
     accuracy
         Target for the global error of the runs. By default the accuracy of the scene, else 1e-6.
     initial_controller
-        A controller whose stick-slip the loop takes over, such as `StiffPI()`. If stick-slip exists beside smooth
-        running at the operating point, the result says how many of 8 takeovers end in it.
+        A controller with which the machine sticks and slips, such as `StiffPI()`. If stick-slip exists beside smooth
+        running at the operating point, the controller of the loop then takes over this stick-slip at 8 phases. The
+        result says how many of these 8 runs end in stick-slip. By default None: no takeover is simulated.
     checkpoint
         File for the outcome of each run (JSON lines). A search that was interrupted continues from this file. By
         default nothing is kept.

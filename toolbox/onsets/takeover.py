@@ -43,7 +43,7 @@ def cycle_phases(run: Trajectory, count: int = PHASES) -> list[dict[str, Any]]:
         A run that sticks and slips to its end, such as the run of a stiff drive. Its loop gives the contact that is
         judged.
     count
-        Number of phases. The first is the release.
+        Number of phases, by default 8. The first is the release.
 
     Returns
     -------

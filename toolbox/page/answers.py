@@ -19,7 +19,7 @@ from toolbox.measuring.metrics import distance
 from toolbox.measuring.sticks import stick_intervals
 from toolbox.measuring.verdict import Verdict, growth_in_words
 from toolbox.messages import at_every_step
-from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closed_loop import ClosedLoop, why_without_effect
 from toolbox.modelling.inputs import Table
 from toolbox.onsets.verdicts import verdict_metrics, words_of
 from toolbox.scenes.judged import sticks_before_standstill
@@ -306,7 +306,7 @@ def further(run: Trajectory, loop: ClosedLoop) -> dict[str, Any]:
         "values": {name: number.value for name, number in loop.variable_numbers().items() if math.isfinite(number.value)}
     }
     told["drive"] = loop.controller_names
-    told["without"] = {name: taken(loop, taking) for name, taking in loop.overriding_inputs.items()}
+    told["without"] = {name: f"No effect: {why_without_effect(loop, taking)}." for name, taking in loop.overriding_inputs.items()}
     try:
         told["inexact"] = run.error_estimate
     except SimulationError as failure:
@@ -342,13 +342,6 @@ def _swings(poles: np.ndarray) -> str:
 def at_last(value: Any) -> Any:
     """An input as it is at last, where it is a table."""
     return float(value.values[-1]) if isinstance(value, Table) else value
-
-
-def taken(loop: ClosedLoop, taking: str) -> str:
-    """Why a number has no effect."""
-    if taking in loop.system.inputs:
-        return f"No effect: `{taking}` takes its place. Turn that one."
-    return f"No effect: a law drives `{taking}`."
 
 
 def plane_of(run: Trajectory, loop: ClosedLoop) -> tuple[str, str]:

@@ -132,6 +132,17 @@ class SmallestError(Told, Result):
     own_stick_slip
         Description of the outcome of runs of the nominal plant from the loop's own stick-slip. Empty if the runs start
         from given values.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> from toolbox.robustness import smallest_error
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms"))
+    >>> found = smallest_error(loop, {"bit.weight": 0.5}, "60 s")
+    >>> print(f"the loop fails if the weight deviates by {found.size * 50:.0f} %")
+    the loop fails if the weight deviates by 20 %
     """
 
     title: str
@@ -201,7 +212,13 @@ class SmallestError(Told, Result):
         return headings, rows
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the errors found in the range of each number (`toolbox.robustness.figures.error_diagram`), and return the axes."""
+        """Draw the errors found in the range of each number (`toolbox.robustness.figures.error_diagram`), and return the axes.
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.figures import error_diagram
 
         sizes = {"every run succeeds": self.largest_tolerated, "guaranteed (mu)": self.guaranteed_size}
@@ -234,13 +251,14 @@ def smallest_error(
     duration
         Length of a run [s].
     starts
-        Starts of the runs, as in `worst_case`: `FromRest()`, `TakenOver(initial_controller)`, `OwnStickSlip()`, or start
-        values {state or held command: value} of each run. By default `SmoothRunning()`, which needs constant inputs.
+        Starts of the runs: `FromRest()`, `TakenOver(initial_controller)` (from the stick-slip of another controller),
+        `OwnStickSlip()`, or start values {state or held command: value} of each run. By default `SmoothRunning()`,
+        which needs constant inputs.
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed as a fraction of the set-point [1], and allowed ripple of a command as a
-        fraction of its mean [1].
+        Allowed error of the mean speed as a fraction of the set-point [1], by default 0.02, and allowed ripple of a
+        command as a fraction of its mean [1], by default 0.05.
 
     Returns
     -------

@@ -151,7 +151,13 @@ class WorstCase(Told, Result):
         return headings, [[*list(vars(outcome).values())[:-1], *outcome.more.values()] for outcome in self.outcomes]
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw stick time and ripple of every run by its error (`toolbox.robustness.figures.worst_case_diagram`), and return both axes."""
+        """Draw stick time and ripple of every run by its error (`toolbox.robustness.figures.worst_case_diagram`), and return both axes.
+
+        Parameters
+        ----------
+        axes
+            Two matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.figures import worst_case_diagram
 
         rows = [(o.error, o.stuck, o.ripple, o.excess <= 1.0) for o in self.outcomes]

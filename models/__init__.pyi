@@ -42,8 +42,6 @@ from .elastic.slider import ElasticSlider as ElasticSlider
 from .elastic_rock import ElasticRock as ElasticRock
 from .flow_line import FlowLine as FlowLine
 from .flow_line import OutletRCR as OutletRCR
-from .friction_calibration import FrictionCalibration as FrictionCalibration
-from .friction_calibration import calibrate_friction as calibrate_friction
 from .friction import Coulomb as Coulomb
 from .friction import CubicStribeck as CubicStribeck
 from .friction import Exponential as Exponential
@@ -55,6 +53,8 @@ from .friction import StepFriction as StepFriction
 from .friction import Tabulated as Tabulated
 from .friction import TwoWay as TwoWay
 from .friction import Viscous as Viscous
+from .friction_calibration import FrictionCalibration as FrictionCalibration
+from .friction_calibration import calibrate_friction as calibrate_friction
 from .gear_stage import GearStage as GearStage
 from .gears import GearNetwork as GearNetwork
 from .hand_arm import HandArm as HandArm

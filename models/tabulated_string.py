@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from models.drill_string import TorsionalChain
+from models.friction_calibration import FrictionCalibration, calibrate_friction
 from models.friction_factors import FrictionFactors
 from models.lumping import MOST, Lumping
 from models.sections import Section, sections_of
@@ -199,8 +200,12 @@ class DrillString(TorsionalChain):
             **fields,
         )
 
-    torque_drag_result: ClassVar[type] = TorqueDragOperations
-    """Class of the result of `torque_and_drag`."""
+    torque_drag_results: ClassVar[Mapping[str, type]] = {
+        "friction_factors": FrictionCalibration,
+        "torquedrag": TorqueDragOperations,
+        "effects": TorqueDragEffects,
+    }
+    """{name of a result of `stickslip torquedrag`: its class}."""
 
     @staticmethod
     def torque_and_drag(tables: Mapping[str, Any], **changes: Any) -> TorqueDragOperations:
@@ -265,8 +270,8 @@ class DrillString(TorsionalChain):
         measurements
             Measurements, as for `calibrate_friction`.
         depths
-            Measured depths at which the friction factors end [m]. By default those of `friction_factors`, else the end
-            of the string.
+            Measured depths at which the friction factors end [m]. By default those of `friction_factors`, and without
+            these one factor for the whole borehole.
         changes
             Other arguments of `calibrate_friction`.
 
@@ -282,7 +287,7 @@ class DrillString(TorsionalChain):
         """
         pipes, hole, known = _in_hole(tables, True)
         factors = tables.get("friction_factors")
-        ends = depths or ([depth for depth, _ in factors] if isinstance(factors, Sequence) else [sum(each.length for each in pipes)])
+        ends = depths or ([depth for depth, _ in factors] if factors else None)
         mud = {name: known[name] for name in ("mud_density",) if name in known}
         return calibrate_friction(pipes, hole, measurements, ends, **{**mud, **changes})
 

@@ -290,10 +290,10 @@ def _partly(
 class LoadedString:
     """What does not depend on the motion, at nodes over depth and at the middle of every step: tangent, curvature, weight, radius."""
 
-    def __init__(self, pipes: Sequence[Section], hole: Survey, mud: float, breaks: Sequence[float] = ()):
+    def __init__(self, pipes: Sequence[Section], hole: Survey, mud: float, breaks: Sequence[float] = (), step: float = STEP):
         ends = np.cumsum([0.0, *(section.length for section in pipes)])
         corners = np.unique(np.concatenate([ends, [each for each in (*hole.depth, *breaks) if each < ends[-1]]]))
-        parts = np.maximum(1, np.ceil(np.diff(corners) / STEP)).astype(int)
+        parts = np.maximum(1, np.ceil(np.diff(corners) / step)).astype(int)
         self.depth = np.concatenate(
             [*(np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(corners, corners[1:], parts, strict=False)), corners[-1:]]
         )
@@ -431,7 +431,7 @@ class TorqueDragOperations(Result):
             )
         above, spans = 0.0, []
         for depth, factor in self.friction:
-            spans.append(f"{factor:g} from {above * length.factor:.4g} to {depth * length.factor:.4g} {length.unit}")
+            spans.append(f"{factor:.4g} from {above * length.factor:.4g} to {depth * length.factor:.4g} {length.unit}")
             above = depth
         return f"Friction factor {', '.join(spans)}; hook load without the weight of hook and block; no buckling.", rows
 

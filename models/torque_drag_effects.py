@@ -1,4 +1,4 @@
-"""Which number matters for hook load and torque of a drill string: each is changed by itself, and the changes are drawn as a tornado chart."""
+"""Effect of each number of a well on hook load and torque of its drill string, drawn as a tornado chart."""
 
 from __future__ import annotations
 
@@ -13,10 +13,16 @@ from models.friction_factors import FrictionFactors
 from models.sections import Section, sections_of
 from models.survey import Survey, hole_of
 from models.torque_and_drag import TorqueDragOperations, torque_drag_operations
-from toolbox import SceneError
-from toolbox.authoring import NumberOrText, Result, columns, number, reading
+from toolbox.authoring import NumberOrText, Result, columns, html_table, number, reading
+
+TITLE = "Effect of each number on hook load and torque"
+"""Title of the printed result."""
 
 STEEL = "weight of the string"
+"""Name of the weight of the string in air among the numbers that are changed."""
+
+FAINT = 1e-9
+"""Change of a quantity, as a fraction of it, below which a number has no bar."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +33,14 @@ class TorqueDragEffects(Result):
 
     Attributes
     ----------
-    share
+    change
         Change of each number, as a fraction of its value.
     numbers
         Names of the numbers.
     quantities
         {quantity: its value with the numbers as given}, hook loads in N and torque in N m.
     low, high
-        Change of each quantity if a number is lower or higher by `share`. Shape (numbers, quantities).
+        Change of each quantity if a number is lower or higher by `change`. Shape (numbers, quantities).
     display_units
         {SI unit: unit in which the input was given}.
 
@@ -45,41 +51,47 @@ class TorqueDragEffects(Result):
     >>> survey = Survey(depth=(0.0, 800.0, 1400.0, 2000.0), inclination=(0.0, 0.0, 1.0, 1.0), azimuth=(0.0, 0.0, 0.0, 0.0))
     >>> found = torque_drag_effects([pipe], survey, 0.25, mud_density="1200 kg/m3")
     >>> print(found.numbers[0], f"{found.high[0][0] / 1e3:+.1f} kN while picking up")
-    friction factor +5.3 kN while picking up
+    friction factor +6.2 kN while picking up
     """
 
-    share: float
+    change: float
     numbers: tuple[str, ...]
     quantities: Mapping[str, float]
     low: np.ndarray
     high: np.ndarray
     display_units: Mapping[str, str] = field(default_factory=dict)
 
-    def _order(self, quantity: int) -> np.ndarray:
-        """The numbers, the one with the largest effect on a quantity first."""
-        return np.argsort(-np.abs(np.stack([self.low[:, quantity], self.high[:, quantity]])).max(axis=0), kind="stable")
+    def _order(self) -> np.ndarray:
+        """Indices of the numbers, the number with the largest effect first: the largest change as a fraction of its quantity."""
+        largest = np.maximum(np.abs(self.low), np.abs(self.high)) / np.maximum(np.abs([*self.quantities.values()]), 1e-300)
+        return np.argsort(-largest.max(axis=1), kind="stable")
 
     def _readings(self) -> list[Any]:
         units = {"N": "kN", "N m": "kN m", **self.display_units}
         return [reading("N m" if name.startswith("torque") else "N", units) for name in self.quantities]
 
-    def __str__(self) -> str:
+    def _rows(self) -> tuple[str, list[tuple[str, ...]]]:
+        """(sentence on the cells, rows of the table with its headings first)."""
         shown = self._readings()
-        heads = [f"{name} [{each.unit}]" for name, each in zip(self.quantities, shown, strict=True)]
-        rows: list[tuple[str, ...]] = [("number", *heads)]
+        rows: list[tuple[str, ...]] = [("number", *(f"{name} [{each.unit}]" for name, each in zip(self.quantities, shown, strict=True)))]
         rows.append(("as given", *(f"{value * each.factor:.4g}" for value, each in zip(self.quantities.values(), shown, strict=True))))
-        for k in self._order(len(shown) - 1):
+        for k in self._order():
             cells = (f"{a * each.factor:+.3g}, {b * each.factor:+.3g}" for a, b, each in zip(self.low[k], self.high[k], shown, strict=True))
             rows.append((self.numbers[k], *cells))
-        return "\n".join(
-            [
-                "Effect of each number on hook load and torque",
-                f"  Change if the number is {self.share:.3g} lower, higher (as a fraction of it).",
-            ]
-            + columns(rows)
+        return (
+            f"Each cell: the change if the number alone is {100 * self.change:.3g} % lower, and if it is {100 * self.change:.3g} % higher.",
+            rows,
         )
 
+    def __str__(self) -> str:
+        note, rows = self._rows()
+        return "\n".join([TITLE, f"  {note}", *columns(rows)])
+
     __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        note, (heads, *rows) = self._rows()
+        return html_table(TITLE, heads, rows, [note])
 
     def _table(self) -> tuple[Sequence[str], Sequence[Sequence[Any]]]:
         """One row per number and quantity, in SI."""
@@ -92,20 +104,25 @@ class TorqueDragEffects(Result):
         return ["number", "quantity", "change if lower", "change if higher"], rows
 
     def plot(self) -> Any:
-        """Draw the tornado chart, one panel per quantity, and return the axes."""
-        from toolbox.authoring import name_axis, panels, paper
+        """Draw the tornado chart, with one panel per quantity and the same order of the numbers in all panels, and return the axes."""
+        from toolbox.authoring import line_styles, name_axis, panels, paper
 
-        with paper():
-            axes = panels(len(self.quantities), 1.3 + 0.32 * len(self.numbers))
+        with paper(**{"axes.titlesize": 9.0}):
+            order = self._order()[::-1]
+            axes = panels(len(self.quantities), 1.5 + 0.27 * order.size, sharey=True)
+            dark, light = (look["color"] for look in line_styles(2))
             for q, (ax, (name, value)) in enumerate(zip(axes, self.quantities.items(), strict=True)):
-                order = self._order(q)[::-1]
-                places = np.arange(order.size)
-                for changes, label, color in ((self.low, "lower", "#0072B2"), (self.high, "higher", "#D55E00")):
-                    ax.barh(places, changes[order, q], left=value, color=color, height=0.6, label=f"{100 * self.share:.3g} % {label}")
+                for changes, label, color in ((self.low, "lower", light), (self.high, "higher", dark)):
+                    own = changes[order, q]
+                    places = np.flatnonzero(np.abs(own) > FAINT * abs(value))
+                    ax.barh(places, own[places], left=value, color=color, height=0.6, label=f"number {100 * self.change:.3g} % {label}")
                 ax.axvline(value, color="0.3", linewidth=0.8)
-                ax.set_yticks(places, [self.numbers[k] for k in order])
                 ax.margins(x=0.08)
-                name_axis(ax.xaxis, name, "N m" if name.startswith("torque") else "N", self.display_units)
+                ax.locator_params(axis="x", nbins=4)
+                kind, _, operation = name.partition(", ")
+                ax.set_title(operation)
+                name_axis(ax.xaxis, kind, "N m" if kind == "torque" else "N", self.display_units)
+            axes[0].set_yticks(np.arange(order.size), [self.numbers[k] for k in order])
             handles, labels = axes[0].get_legend_handles_labels()
             axes[0].figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
         return axes
@@ -116,7 +133,7 @@ def torque_drag_effects(
     survey: Path | str | Survey,
     friction: float | Sequence[Sequence[NumberOrText]],
     *,
-    share: float = 0.1,
+    change: float = 0.1,
     mud_density: Annotated[NumberOrText, "kg/m3"] = 0.0,
     weight_on_bit: Annotated[NumberOrText, "N"] = 0.0,
     bit_torque: Annotated[NumberOrText, "N m"] = 0.0,
@@ -135,16 +152,16 @@ def torque_drag_effects(
         Survey of the borehole, or the path of a table that `read_survey` reads.
     friction
         Friction factor between string and borehole [1], or pairs (depth, factor) from the top, as for `torque_drag`.
-    share
-        Change of each number, as a fraction of its value. Above 0 and below 1.
+    change
+        Change of each number, as a fraction of its value, by default 0.1. Above 0 and below 1.
     mud_density
-        Density of the mud for buoyancy [kg/m3].
+        Density of the mud for buoyancy [kg/m3], by default 0.
     weight_on_bit
-        Weight on bit on bottom [N].
+        Weight on bit on bottom [N], by default 0.
     bit_torque
-        Torque on bit on bottom [N m].
+        Torque on bit on bottom [N m], by default 0.
     display_units
-        {SI unit: unit in which tables show it}.
+        {SI unit: unit in which tables and figures show it}. By default None: kN, kN m and m.
 
     Returns
     -------
@@ -161,11 +178,11 @@ def torque_drag_effects(
     >>> from models import Section, Survey, torque_drag_effects
     >>> pipe = Section(length="2000 m", outer="5 in", inner="4.276 in")
     >>> survey = Survey(depth=(0.0, 800.0, 1400.0, 2000.0), inclination=(0.0, 0.0, 1.0, 1.0), azimuth=(0.0, 0.0, 0.0, 0.0))
-    >>> found = torque_drag_effects([pipe], survey, 0.25, share=0.2)
+    >>> found = torque_drag_effects([pipe], survey, 0.25, change=0.2)
     >>> print(len(found.numbers), "numbers")
     2 numbers
     """
-    share = number("share", share, above=0, below=1)
+    change = number("change", change, above=0, below=1)
     pipes = sections_of(sections)
     length = sum(section.length for section in pipes)
     hole, profile = hole_of(survey, length), FrictionFactors.of("friction", friction, length)
@@ -187,8 +204,8 @@ def torque_drag_effects(
             (end, mu * (factor if name == changed else 1.0)) for end, mu, name in zip(profile.depths, profile.factors, factors, strict=True)
         ]
         steel = [_heavier(each, factor) for each in pipes] if changed == STEEL else pipes
-        keys = dict(zip(("mud_density", "weight_on_bit", "bit_torque"), own.values(), strict=True))
-        return _quantities(torque_drag_operations(steel, hole, friction, **keys))
+        mud, load, rock = own.values()
+        return _quantities(torque_drag_operations(steel, hole, friction, mud_density=mud, weight_on_bit=load, bit_torque=rock))
 
     names = [
         *(name for name, mu in zip(factors, profile.factors, strict=True) if mu),
@@ -196,10 +213,10 @@ def torque_drag_effects(
         STEEL,
     ]
     given = found("", 1.0)
-    low, high = (np.array([found(name, 1.0 + sign * share) - given for name in names]) for sign in (-1.0, 1.0))
+    low, high = (np.array([found(name, 1.0 + sign * change) - given for name in names]) for sign in (-1.0, 1.0))
     turning = "torque, rotating on bottom" if numbers["weight on bit"] or numbers["torque on bit"] else "torque, rotating off bottom"
     quantities = dict(zip(("hook load, picking up", "hook load, slacking off", turning), given.tolist(), strict=True))
-    return TorqueDragEffects(share, tuple(names), quantities, low, high, dict(display_units or {}))
+    return TorqueDragEffects(change, tuple(names), quantities, low, high, dict(display_units or {}))
 
 
 def _heavier(section: Section, factor: float) -> Section:
@@ -209,6 +226,6 @@ def _heavier(section: Section, factor: float) -> Section:
 
 
 def _quantities(found: TorqueDragOperations) -> np.ndarray:
-    """Hook load while picking up and slacking off [N], and torque on bottom, or off bottom where nothing acts on the bit [N m]."""
+    """Hook load while picking up and slacking off [N], and torque while rotating on bottom, or off bottom if nothing acts on the bit [N m]."""
     turning = next(iter(found.operations.values()))
     return np.array([found["picking up"].tension[0], found["slacking off"].tension[0], turning.torque[0]])

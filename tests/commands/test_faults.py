@@ -106,7 +106,7 @@ def quick(monkeypatch):
     runs = {}
     verdict_row = verdicts.verdict_row
 
-    def known(scene, label, stem="", metrics=()):
+    def known(scene, label, stem="", metrics=(), loop=None):
         if scene.title not in runs:
             runs[scene.title] = verdict_row(scene, label, stem)
         return runs[scene.title]

@@ -38,7 +38,7 @@ from toolbox.vocabulary import new_names_only
 
 @dataclass(frozen=True)
 class CheckedDepth:
-    """What the gains of a depth do on the machine of that depth.
+    """Result of the gains of a depth on the machine of the same depth.
 
     Attributes
     ----------

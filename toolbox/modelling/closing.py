@@ -55,7 +55,7 @@ def laws_of(given: Any, period: float | None) -> tuple[Any, ...]:
 
 
 def designed_laws(declared: HybridSystem, laws: Sequence[Any]) -> list[Any]:
-    """Laws in order as they are designed on the declared plant, without what samples them."""
+    """Return the laws in order, designed on the declared plant, without their clocks."""
     inner = [given.law if isinstance(given, Sampled) else given for given in laws]
     made = [designed(law, declared) if isinstance(law, Controller) else law for law in inner]
     return [LawInPython(law, declared) if holds_python(law) else law for law in made]
@@ -136,7 +136,7 @@ def _assembled(plant: HybridSystem, parts: Sequence[Component]) -> HybridSystem:
 
 
 def kind_of(law: Any) -> str:
-    """The name of a Python function, and of anything else that of its class; of a sampled law that of the law."""
+    """Return the name of a Python function, or else of the class. A sampled law has the name of the law inside."""
     law = law.law if isinstance(law, Sampled) else law
     return getattr(law, "__name__", type(law).__name__)
 

@@ -211,7 +211,8 @@ def is_nested(value: Any) -> bool:
 
 
 def checked(part: Any, opposing: bool = True) -> None:
-    """Call `check` of a part, of its law and of the friction laws among its fields, where their numbers are finite and within bounds.
+    """Call `check` of a part, of its law and of the friction laws among its fields. A `check` is called only if the numbers are finite and
+    within bounds.
 
     Where they are not, the parameter table of the composed plant knows the full name to complain about. opposing: friction is to oppose its slip, too.
     """
@@ -329,7 +330,7 @@ def structure_of(part: Any) -> Any:
 
 
 def rebuilt(part: Any, values: Any, offset: int, number: Callable[[Any], Any] = float) -> Any:
-    """The part with its numbers read from the parameter vector; number: what makes one of an entry of it."""
+    """Return the part with its numbers read from the parameter vector. number: function that turns an entry of the vector into a number."""
 
     def rebuild(node: Any) -> Any:
         nonlocal offset
@@ -384,7 +385,8 @@ def symbolic_copy(part: Any, path: str, slots: list[Slot]) -> Any:
 
 
 def equations_of(symbolic: Component, signal: Callable[..., ca.SX], title: str) -> Equations:
-    """The equations of a component on symbols. Raises SceneError where they decide or compute on numbers, and for what is no flow of states."""
+    """Return the equations of a component on symbols. SceneError is raised if the equations decide or compute on numbers, or if a flow
+    belongs to no state."""
     mode = ca.GlobalOptions.getNumpyMode()
     ca.GlobalOptions.setNumpyMode(-1)  # numpy's sin of a symbol is casadi's, without a word about what may change
     try:
@@ -430,7 +432,8 @@ def governed(law: Any, owner: Any) -> bool:
 
 
 def unit_at(element: Element, unit: str) -> str:
-    """The unit of a friction law's field where the law acts: laws are declared for one kind of motion and serve both."""
+    """Return the unit of a field of a friction law in the element that uses the law. Laws are declared for one kind of motion and serve
+    both."""
     if unit in ("m/s", "rad/s"):
         return element.slip_unit
     if unit in ("m", "1/m"):

@@ -123,7 +123,8 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
 
 
 def numbered(shared: HybridSystem, parts: tuple[Component, ...], known: int = 0, first: int = 0) -> HybridSystem:
-    """A system of a structure with the numbers of its parts, each within its bounds; those of the `known` first parts, `first` numbers, are left out."""
+    """Return a system of a structure with the numbers of its parts, each within its bounds. The first `known` parts, with the first `first`
+    numbers, are left out."""
     system = copy.copy(shared)
     system.parts, system.values = parts, shared.values.copy()
     numbers = [value for part in parts[known:] for value in numbers_of(part)]

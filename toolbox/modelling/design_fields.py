@@ -27,7 +27,8 @@ def acts(loop: Loop, name: str) -> bool:
 
 
 def motion_of(system: HybridSystem) -> ca.SX:
-    """All expressions that the motion of a system follows from: its flow, those of its elements and of its sampled laws."""
+    """Return all expressions that determine the motion of a system: its flow, and the expressions of its elements and of its sampled
+    laws."""
 
     def motion() -> ca.SX:
         of_elements = [getattr(element, kind) for element in system.elements for kind in element.expression_fields]

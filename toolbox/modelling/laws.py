@@ -150,7 +150,7 @@ class Controller(Component):
 
 
 def check_sampled(law: Controller, period: float) -> None:
-    """Raise SceneError where a designed law, or a law or an observer that it holds, does not bear a sample time [s]."""
+    """Raise SceneError if a designed law, or a law or an observer inside of it, cannot use a sample time [s]."""
     law.check_period(period)
     for each in dataclasses.fields(law):
         if isinstance(inside := getattr(law, each.name), Controller):
@@ -247,7 +247,7 @@ class Sensors(Component):
         return Sensors(tuple(noise), tuple(noise.values()) or None, tuple(resolution), tuple(resolution.values()) or None)
 
     def reading(self, name: str, value: Any, noise: Any) -> Any:
-        """What is measured of a signal, given its value and its standard normal noise; numbers or casadi expressions."""
+        """Return the measured value of a signal from its value and its standard normal noise. All are numbers, or casadi expressions."""
         if self.noise is not None and name in self.noisy:
             value = value + self.noise[self.noisy.index(name)] * noise
         if self.resolution is not None and name in self.coarse:
@@ -562,7 +562,8 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
 
 
 def fresh(law: Any) -> Any:
-    """A copy of a law that may have a state, so that every run starts alike; itself where it is a function or cannot be copied."""
+    """Return a copy of a law that may have a state, so that every run starts in the same way. A function, and a law that cannot be copied,
+    is returned unchanged."""
     if isinstance(law, FunctionType):
         return law
     try:

@@ -89,10 +89,10 @@ class NumberKind:
         raise NotImplementedError
 
     def check(self, loop: Loop, name: str, values: Iterable[float]) -> None:
-        """Raise SceneError where the loop does not bear one of the values, beyond the bounds of the number."""
+        """Raise SceneError if the loop cannot use a value, although the value is within the bounds of the number."""
 
     def varied(self, system: HybridSystem, inputs: Mapping[str, Any], name: str, value: float) -> tuple[HybridSystem, dict[str, Any]]:
-        """A closed system and its inputs with another value; as they are where the number does not enter the equations."""
+        """Return a closed system and its inputs with another value. Both are unchanged if the number does not enter the equations."""
         return system, dict(inputs)
 
     def in_run(self, run: Any, loop: Loop, name: str, value: float) -> dict[str, Any]:
@@ -118,7 +118,7 @@ class InputKind(NumberKind):
 
 
 class ParameterKind(NumberKind):
-    """A number of a part, a controller or its sensors, where it acts."""
+    """A number of a part, a controller or its sensors, in the place that the equations read."""
 
     is_parameter = True
 
@@ -188,7 +188,7 @@ class ClockKind(NumberKind):
 
     @property
     def column(self) -> int:
-        """Its place among the numbers of a clock."""
+        """Column of the number in an array of clocks."""
         return Clock._fields.index(self.attribute)
 
     @property
@@ -202,7 +202,7 @@ class ClockKind(NumberKind):
         return loop.with_controllers((*loop.controllers[:index], changed, *loop.controllers[index + 1 :]))
 
     def check(self, loop: Loop, name: str, values: Iterable[float]) -> None:
-        """Raise SceneError where the controller does not bear one of the values."""
+        """Raise SceneError if the controller cannot use a value."""
         index = sampled_owner(loop, name)
         law, dt = loop.designed_controllers[index], getattr(loop.designed_controllers[index], "dt", None)
         for value in values:
@@ -222,7 +222,7 @@ class ClockKind(NumberKind):
 
 
 class StartKind(NumberKind):
-    """The start value of a state, or of what a sampled controller remembers."""
+    """Start value of a state, or of an entry of the memory of a sampled controller."""
 
     is_start = True
 

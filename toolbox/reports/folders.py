@@ -133,7 +133,7 @@ def _study(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
         raise SceneError(f"Folder `{folder}` must hold the scene of its study, but there is no `scene.toml` with equations.")
     rows = read_table(folder / "table.csv")
     head, *cells = in_cells(scene, rows, times=False)
-    return table(judged_by(scene), head, cells), tuple(remarks(rows))
+    return table(judged_by(scene, rows), head, cells), tuple(remarks(rows))
 
 
 def _study_findings(folder: Path, scene: Scene | None) -> Findings | None:

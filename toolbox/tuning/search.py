@@ -15,6 +15,7 @@ from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.journal import Journal
 from toolbox.measuring.metrics import Metric
+from toolbox.robustness.starts import Found, Start
 from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.simulate import simulate
@@ -30,14 +31,30 @@ class Spent(Exception):
 
 
 def trial_objectives(
-    scene: Scene, numbers: tuple[float | None, ...], label: str, free: tuple[Free, ...], objectives: tuple[Metric, ...], strict: bool
+    scene: Scene,
+    numbers: tuple[float | None, ...],
+    label: str,
+    free: tuple[Free, ...],
+    objectives: tuple[Metric, ...],
+    strict: bool,
+    starts: Start | None,
 ) -> tuple[tuple[float, ...], str]:
-    """The objectives of one scene under a law with other numbers, and why it failed. strict: let what is wrong with the law itself be raised."""
+    """The objectives of one scene under a law with other numbers, the worst of all its starts, and why it failed.
+
+    strict: let what is wrong with the law itself be raised.
+    """
     refused = () if strict else (SceneError, np.linalg.LinAlgError)
     try:
-        run = simulate(with_numbers(scene[label], free, numbers))
-        asked = judged_measures(dict(enumerate(objectives)), run.run.loop, run.begin, run.end, "objective")
-        values = [each.read(run) for each in asked.values()]
+        loop = with_numbers(scene[label], free, numbers)
+        found = Found([loop.start]) if starts is None else starts.on(loop)
+        rows = []
+        for begun in found.loops(loop):
+            run = simulate(begun)
+            asked = judged_measures(dict(enumerate(objectives)), run.run.loop, run.begin, run.end, "objective")
+            rows.append([each.read(run) for each in asked.values()])
+        if not rows:
+            return (math.inf,) * len(objectives), found.note
+        values = np.max(rows, axis=0).tolist()
     except (SimulationError, *refused) as error:
         return (math.inf,) * len(objectives), f"{type(error).__name__}: {error}"
     return tuple(value if math.isfinite(value) else math.inf for value in values), ""
@@ -59,10 +76,10 @@ class TuningSearch:
 
     def __init__(
         self, scenes: list[Scene], label: str, free: tuple[Free, ...], objectives: dict[str, Metric], over: Any, runs: int, journal: Journal | None,
-        executor: concurrent.futures.Executor | None = None,
+        executor: concurrent.futures.Executor | None = None, starts: Start | None = None,
     ):  # fmt: skip
         self.scenes, self.label, self.free, self.objectives = scenes, label, free, objectives
-        self.over, self.runs, self.journal, self.executor = over, runs, journal, executor
+        self.over, self.runs, self.journal, self.executor, self.starts = over, runs, journal, executor, starts
         self.trials: dict[tuple[float | None, ...], Trial] = {}
         self.simulated = 0
         self.bar: Any = None
@@ -109,7 +126,8 @@ class TuningSearch:
 
     def _evaluated(self, points: list[tuple[float | None, ...]], strict: bool) -> Iterator[tuple[tuple[tuple[float, ...], str], ...]]:
         """What `trial_objectives` says of every point in every scene, one point after the other."""
-        find = partial(trial_objectives, label=self.label, free=self.free, objectives=tuple(self.objectives.values()), strict=strict)
+        objectives = tuple(self.objectives.values())
+        find = partial(trial_objectives, label=self.label, free=self.free, objectives=objectives, strict=strict, starts=self.starts)
         pairs = self.scenes * len(points), [numbers for numbers in points for _ in self.scenes]
         if self.executor is None:
             yield from zip(*[map(find, *pairs)] * len(self.scenes), strict=True)

@@ -11,6 +11,7 @@ A table without times holds steady points: the force is then the friction itself
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +23,7 @@ import numpy as np
 from toolbox.calibration.channels import TIMES, heading_for, source_of
 from toolbox.calibration.holds import EVIDENCE, fitted_evidence
 from toolbox.calibration.identified import Identification, drag_unit, fitted_part, friction_over_speed, with_derived
-from toolbox.calibration.motion import Guess, Run, first_guess, friction_points, is_one_speed, runs_of, together
+from toolbox.calibration.motion import Curve, Guess, Run, first_guess, friction_points, is_one_speed, runs_of, stribeck_guess, together
 from toolbox.calibration.recording import Recording, read_channels
 from toolbox.calibration.results import Fit
 from toolbox.calibration.told_fit import EXPERIMENTS, holds_nothing, told_fit
@@ -41,6 +42,12 @@ EVERY_KIND = ("clipped", "drop-out", "reversed", "outlier")
 
 NOTHING = 0.1
 """Part of the first guess of friction, at least, at which the search for a richer law begins: none begins at a bound."""
+
+STRIBECK = "a Stribeck curve"
+"""Name of the richest law."""
+
+CLEAR = 10.0
+"""Difference of the log-likelihoods of regressions from which on a Stribeck curve is fitted first."""
 
 SLOW = 3.0
 """Time [s] after which an identification says what it fits."""
@@ -185,7 +192,7 @@ class _Work:
         self.part = part
         self.body_lost = False  # whether a fit showed that the data do not tell the mass
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None) -> Fit:
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None, search: Search) -> Fit:
         """The fit of a part with all numbers free that are not fixed; `untold` gets a sentence for each that the data do not tell.
 
         near: the fit of a simpler law, which tells where runs begin and which inputs are held.
@@ -213,6 +220,10 @@ class _Work:
         """Return numbers at which a search begins: whether the mass, a constant force, and friction each way are looked for."""
         raise NotImplementedError
 
+    def curve(self, about: Guess, free: bool, offset: bool, directions: bool) -> Curve | None:
+        """Return numbers at which the search of a Stribeck curve begins; None if the fit of a simpler law is as good a begin."""
+        return None
+
     def evidence(self, simple: Fit, rich: Fit) -> float:
         """By how much the log-likelihood of the richer law is greater."""
         return fitted_evidence(simple, rich)
@@ -238,53 +249,100 @@ class _Work:
             offered(name) for name in ("Viscous", "Hyperbolic", "Coulomb", "GaussianStribeck", "TwoWay")
         )
 
-        def law(dry: Callable[[float], Any], near: Fit | None) -> Any:
-            """A law with this dry friction, which begins at the fit of the simpler law."""
-            sides = [viscous(dry(level), slope) for level, slope in _levels(near, about)]
-            return two(*sides) if directions and len(sides) > 1 else two(sides[0], sides[0]) if directions else sides[0]
+        curve = (
+            None
+            if friction is not None or about.one_speed
+            else self.curve(about, body not in fixed, bool(start.get(part.offset_field)), directions)
+        )
 
-        dry = {
-            "dry and viscous friction": lambda level: one(level, 0.0),
-            "static friction above kinetic friction": lambda level: coulomb(1.05 * level, level),
-            "a Stribeck curve": lambda level: stribeck(1.6 * level, level, about.speed),
+        def each_way(sides: Sequence[Any]) -> Any:
+            """The law of these sides."""
+            return two(sides[0], sides[-1]) if directions else sides[0]
+
+        def near(dry: Callable[[float], Any]) -> Callable[[Fit | None], list[Any]]:
+            """Parts with this dry friction at which a search begins: at the fit of the simpler law."""
+            return lambda simple: [
+                dataclasses.replace(
+                    part,
+                    friction=each_way([viscous(dry(level), slope) for level, slope in _levels(simple, about)]),
+                    **_body_of(part, simple),
+                )
+            ]
+
+        def curved(simple: Fit | None) -> list[Any]:
+            """Parts with a Stribeck curve, of which the second counts where the first does not lead to a better law."""
+            if curve is None:
+                return [*old(simple)]
+            fields = {
+                name: value
+                for name, value in ((part.body_field, curve.about.mass), (part.offset_field, curve.about.offset))
+                if name in start
+            }
+            sides = [viscous(stribeck(static, kinetic, curve.about.speed), slope) for static, kinetic, slope in curve.sides]
+            return [dataclasses.replace(part, friction=each_way(sides), **fields), *old(simple)]
+
+        old = near(lambda level: stribeck(1.6 * level, level, about.speed))
+        laws: dict[str, Callable[[Fit | None], list[Any]]] = {
+            "dry and viscous friction": near(lambda level: one(level, 0.0))
+            if friction is None
+            else lambda _: [dataclasses.replace(part, friction=friction)],
+            "static friction above kinetic friction": near(lambda level: coulomb(1.05 * level, level)),
+            STRIBECK: curved,
         }
-        laws = list(dry)[:1] if about.one_speed or friction is not None else list(dry)
+        if about.one_speed or friction is not None:
+            laws = dict(list(laws.items())[:1])
         if about.one_speed and friction is None:
             alike = [
                 name
-                for name in compose(dataclasses.replace(part, friction=law(dry[laws[0]], None))).parameters
+                for (begin,) in [laws["dry and viscous friction"](None)]
+                for name in compose(begin).parameters
                 if name.endswith(".viscous")
             ]
             fixed = [*fixed, *alike]
             untold |= dict.fromkeys(
                 alike, f"all motion is at one speed, so all friction is dry here. To tell it, {EXPERIMENTS['viscous']}."
             )
-        best, best_untold, began = None, dict[str, str](), perf_counter()
+        found = None
+        if curve is not None and curve.gain > CLEAR:
+            with contextlib.suppress(SceneError, SimulationError):
+                found = self._searched({STRIBECK: lambda simple: curved(simple)[:1]}, body, fixed, confidence)
+        if found is None or (not self.body_lost and _hardly_told(found[0])):
+            found = self._searched(laws, body, fixed, confidence)
+        if self.body_lost and body not in fixed:
+            return self.simplest(friction, directions, given, confidence)
+        return self._result(found[0], {**untold, **found[1]})
+
+    def _searched(
+        self, laws: Mapping[str, Callable[[Fit | None], list[Any]]], body: str, fixed: Sequence[str], confidence: float
+    ) -> tuple[Fit, dict[str, str]]:
+        """The fit of the first law that a richer one is not clearly better than, and why numbers are not told. laws: {name: parts at which a search begins}."""
+        best, untold, began = None, dict[str, str](), perf_counter()
         with progress_bar(len(laws), "identify", unit="law") as bar:
-            for each in laws:
-                bar.set_postfix_str(each)
+            for name, beginnings in laws.items():
+                bar.set_postfix_str(name)
                 if (seconds := perf_counter() - began) > SLOW:
-                    LOG.info("identify: %d samples, after %.0f s: %s is fitted ...", self.samples, seconds, each)
-                own = dict[str, str]()
-                given_law = law(dry[each], best) if friction is None else friction
-                try:
-                    found = self.fitted(dataclasses.replace(part, friction=given_law, **_body_of(part, best)), fixed, confidence, own, best)
-                except (SceneError, SimulationError):
-                    if best is None:
-                        raise
-                    found = None
-                if found is not None and body in found.names and holds_nothing(found, body):
-                    self.body_lost = True
-                    break
-                if found is not None and (best is None or self.evidence(best, found) > EVIDENCE + (found.values.size - best.values.size)):
-                    best, best_untold = found, own
+                    LOG.info("identify: %d samples, after %.0f s: %s is fitted ...", self.samples, seconds, name)
+                simple = best
+                search = Search(1, growing=best is None and len(laws) + (name != STRIBECK) > 1, fits_held=name == [*laws][-1])
+                for begin in beginnings(simple):
+                    own = dict[str, str]()
+                    try:
+                        found = self.fitted(begin, fixed, confidence, own, simple, search)
+                    except (SceneError, SimulationError):
+                        if best is None:
+                            raise
+                        continue
+                    if body in found.names and holds_nothing(found, body):
+                        self.body_lost = True
+                        return found, own
+                    if best is None or self.evidence(best, found) > EVIDENCE + (found.values.size - best.values.size):
+                        best, untold = found, own
+                        break
                 if best is not None and best.white:
                     break  # nothing is left that a richer law could explain
                 bar.update()
-        if self.body_lost and body not in fixed:
-            return self.simplest(friction, directions, given, confidence)
         assert best is not None
-        return self._result(best, {**untold, **best_untold})
+        return best, untold
 
     def _result(self, found: Fit, untold: dict[str, str]) -> Identification:
         """The fit with its curve and with the numbers that it hardly tells."""
@@ -374,7 +432,7 @@ class _Steady(_Work):
         powers = [max(each.residuals[0].rms, least) for each in (simple, rich)]
         return self.force.size * math.log(powers[0] / powers[1])
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None) -> Fit:
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None, search: Search) -> Fit:
         free = [name for name in self._asked(part, fixed) if name != f"{part.signal_prefix}.{part.body_field}"]
         data = {"time": np.arange(self.speed.size, dtype=float), **self.data}
         recording = Recording.of(data, compose(part), accepted_flaws=EVERY_KIND)
@@ -416,6 +474,9 @@ class _Moving(_Work):
         body = getattr(self.part, self.part.body_field)
         return first_guess(self.runs, body, free=free, seen=not self.body_lost, offset=offset, directions=directions)
 
+    def curve(self, about: Guess, free: bool, offset: bool, directions: bool) -> Curve | None:
+        return stribeck_guess(self.runs, about, free=free, offset=offset, directions=directions)
+
     def untold_body(self, about: Guess) -> str:
         part = self.part
         unit = next(each.metadata["unit"] for each in dataclasses.fields(part) if each.name == part.body_field)
@@ -428,7 +489,7 @@ class _Moving(_Work):
             why = f"no {part.force_name} acts"
         return f"{why}, which tells only friction over {part.body_field}, {at} To tell it, {EXPERIMENTS[part.body_field]}."
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None) -> Fit:
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None, search: Search) -> Fit:
         free = self._asked(part, fixed)
         before = {} if near is None else dict(zip(near.names, near.values.tolist(), strict=True))
         windows = [
@@ -440,31 +501,40 @@ class _Moving(_Work):
             )
             for i, (run, begin) in enumerate(zip(self.runs, self.begins, strict=True), 1)
         ]
-        held = tuple(near.held) if near is not None and near.held else self.held
+        held = tuple(near.held) if near is not None and near.held else () if near is not None and near.stepped else self.held
+        recording = self.recording.stepping(tuple(near.stepped)) if near is not None and near.stepped else self.recording
         starts = list(dict.fromkeys(name for run in self.runs for name in run.starts))
         found = told_fit(
             part,
-            self.recording,
+            recording,
             [*free, *starts, *self.shifts],
             untold,
             self._rests,
             window=windows,
-            starts=Search(1, growing=near is None),
+            starts=search,
             confidence=confidence,
             zero_order_hold=held,
         )
-        return found if near is None or not near.held else dataclasses.replace(found, held=near.held)
+        return (
+            found if near is None or not (near.held or near.stepped) else dataclasses.replace(found, held=near.held, stepped=near.stepped)
+        )
 
     def _rests(self, values: Mapping[str, float]) -> bool:
         """Whether no measured force would move the body as it moved, both ways or one: a search finds no slope that leads back from there."""
         offset = values.get(f"{self.part.signal_prefix}.{self.part.offset_field}", 0.0)
         bounds = [value for name, value in values.items() if name.endswith(".static")]
-        tops = [float((way * (run.force - offset)).max()) for run in self.runs for way in run.departures]
+        tops = [float((way * (run.force - offset)).max()) for run in self.runs if run.force.any() for way in run.departures]
         return bool(bounds and tops) and min(bounds) >= min(tops)
 
     def points(self, found: Fit) -> np.ndarray:
         fitted = fitted_part(found)
         return friction_points(self.runs, float(getattr(fitted, fitted.body_field)), float(getattr(fitted, fitted.offset_field)))
+
+
+def _hardly_told(found: Fit) -> bool:
+    """Whether the Stribeck speed or the friction that falls with speed is not told, so that a simpler law may do."""
+    known = [name for name in found.names if name.endswith(".stribeck_speed")]
+    return bool(found.indistinguishable_friction or found.at_bounds or not known or any(holds_nothing(found, name) for name in known))
 
 
 def _levels(near: Fit | None, about: Guess) -> list[tuple[float, float]]:

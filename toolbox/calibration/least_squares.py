@@ -15,7 +15,7 @@ from toolbox.arguments import number
 from toolbox.calibration.residuals import residuals
 from toolbox.calibration.resting import Resting, resting
 from toolbox.calibration.results import Fit
-from toolbox.calibration.trust import correlated, residual_of, sampling_error
+from toolbox.calibration.trust import correlated, deviation, is_white, memory, residual_of, sampling_error, step_of
 from toolbox.errors import SceneError, SimulationError, Unidentifiable
 from toolbox.messages import progress_bar
 
@@ -41,6 +41,12 @@ MOST = 3.0
 CLEAR = 1e3
 """F-value by the slopes from which on static and kinetic friction are told apart without a fit that takes them for one."""
 
+BALANCES = 4
+"""Fits, at most, between which recordings get other shares."""
+
+SAME = 0.1
+"""Relative difference of the shares of a recording that is none."""
+
 DRAWS = 10
 """Starts that are drawn for every one that is wanted, because some contradict themselves or cannot be simulated."""
 
@@ -53,6 +59,22 @@ def _product(tall: np.ndarray, ways: np.ndarray) -> np.ndarray:
 def _alike(one: np.ndarray, two: np.ndarray) -> bool:
     """Whether weights of samples leave out the same ones and are the same but for a hundredth."""
     return np.array_equal(one == 0.0, two == 0.0) and bool(np.all(np.abs(one - two) <= 0.01 * two))
+
+
+def _rows(sizes: Sequence[int]) -> list[slice]:
+    """Places of the samples of each recording among those of a signal."""
+    ends = np.cumsum([0, *sizes]).tolist()
+    return [slice(*pair) for pair in itertools.pairwise(ends)]
+
+
+def _repeats(measured: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
+    """Weights of samples, of which n in a row that are equal count as one: the error of an encoder at rest stays the same."""
+    weights = np.ones(measured.size)
+    for rows in _rows(sizes):
+        edges = np.flatnonzero(np.diff(measured[rows], prepend=np.nan, append=np.nan))
+        lengths = np.diff(edges)
+        weights[rows] = np.repeat(1.0 / np.sqrt(lengths), lengths)
+    return weights
 
 
 @dataclass
@@ -72,19 +94,27 @@ class LeastSquares:
     confidence: float
     growing: bool = True
     weights: dict[str, np.ndarray] = field(default_factory=dict, init=False)
+    repeats: dict[str, np.ndarray] = field(default_factory=dict, init=False)
+    shares: dict[str, np.ndarray] = field(default_factory=dict, init=False)
 
     def fit(self) -> Fit:
         misfit = self.misfit
+        self.repeats = {} if misfit.by_samples else {name: _repeats(misfit.measured[name], misfit.blocks(name)) for name in misfit.outputs}
+        self.shares = self.repeats
         sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
         scales = self._given_noise(sizes)
         trial = misfit.trial()
         found = self._from_all_starts(trial, scales)
         best = min(found, key=lambda each: each.cost)
-        values = best.x if trial is misfit else self._descend(best.x, scales, [misfit]).x
-        if self.noise is None and len(misfit.outputs) > 1:  # the weight of one alone changes nothing
-            left = self._left(values)
-            scales = {name: max(float(np.sqrt(np.mean(left[name] ** 2))), 1e-9 * sizes[name]) for name in left}
-            values = self._descend(values, scales, [misfit]).x
+        several = self.noise is None and sum(len(misfit.blocks(name)) for name in misfit.outputs) > 1
+        values = best.x if trial is misfit else self._descend(best.x, scales, [misfit], roughly=several).x
+        if several:  # the weight of one alone changes nothing
+            for _ in range(BALANCES):
+                before = self.shares
+                scales = self._balanced(values, sizes)
+                if before is not self.repeats and all(np.allclose(self.shares[name], before[name], rtol=SAME) for name in before):
+                    break
+                values = self._descend(values, scales, [misfit]).x
         values, scales = self._without_strays(values, scales, sizes)
         size = self._size(values)
         jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
@@ -127,18 +157,16 @@ class LeastSquares:
         condition = self._identifiable(labels, per_part[:, heard], dict(zip(self.names, values.tolist(), strict=True)))
         ways, mute = ways[:, heard], np.asarray(ways[:, ~heard].any(axis=1))
         jacobian = _product(jacobian, ways)
-        n, k = sum(int(np.count_nonzero(own)) for own in self._all_weights().values()), jacobian.shape[1]
+        n, k = self._samples(), jacobian.shape[1]
         if n <= k:
-            raise SceneError(f"The data must hold more values than there are free numbers, but they hold {n} for {k}.")
+            raise SceneError(f"The data must hold more values than there are free numbers, but they hold {n:g} for {k}.")
         left_of = [
             residual_of(name, misfit.plant.unit(name), (left[name] * own)[own > 0.0], misfit.measured[name][own > 0.0])
             for name, own in self._all_weights().items()
         ]
         weighed = self._weighed(left, scales)
-        spread = float((weighed**2).sum()) / (n - k)
         inverse = np.linalg.inv(np.einsum("ni,nj->ij", jacobian, jacobian))
-        blocks = [misfit.measured[name].size for name in misfit.outputs]
-        middle = correlated(jacobian, weighed, blocks, spread, [each.whiteness < 0.05 for each in left_of])
+        middle = self._middle(jacobian, weighed, scales, n / (n - k))
         covariance = ways @ inverse @ middle @ inverse @ ways.T
         covariance[mute, mute] = math.inf
         factor = float(stdtrit(n - k, 0.5 + self.confidence / 2))
@@ -157,6 +185,24 @@ class LeastSquares:
             initial_mismatch=misfit.apart(values),
         )  # fmt: skip
 
+    def _middle(self, jacobian: np.ndarray, weighed: np.ndarray, scales: Mapping[str, float], lost: float) -> np.ndarray:
+        """J^T G J of all recordings, G: covariance of their residuals; lost: samples as a multiple of those that the free numbers leave."""
+        middle, begin, misfit = np.zeros((jacobian.shape[1],) * 2), 0, self.misfit
+        for name, own in self._all_weights().items():
+            repeats = self.repeats.get(name, np.ones(own.size))
+            shares = self.shares.get(name, repeats)
+            for rows in _rows(misfit.blocks(name)):
+                place = slice(begin, begin := begin + rows.stop - rows.start)
+                good = own[rows] > 0.0
+                if not good.any():
+                    continue
+                share = float((shares[rows] / repeats[rows]).max())
+                variance = float(np.sum(weighed[place] ** 2) / np.sum(repeats[rows][good] ** 2))
+                least = share * step_of(misfit.measured[name][rows], repeats[rows]) / (scales[name] * math.sqrt(12.0))
+                left = weighed[place] / np.where(good, shares[rows], 1.0)
+                middle += correlated(jacobian[place], weighed[place], max(variance, least**2) * lost, not is_white(left[good]))
+        return middle
+
     def _all_weights(self) -> dict[str, np.ndarray]:
         """{signal: weights of its samples}, 0 of one that does not count."""
         return {name: self.weights.get(name, np.ones(self.misfit.measured[name].size)) for name in self.misfit.outputs}
@@ -173,12 +219,37 @@ class LeastSquares:
             if all(_alike(weights[name], each) for name, each in self._all_weights().items()):
                 break
             self.weights = weights
-            if self.noise is None and len(left) > 1:
-                scales = {
-                    name: max(float(np.sqrt(np.mean(each[weights[name] > 0.0] ** 2))), 1e-9 * sizes[name]) for name, each in left.items()
-                }
+            if self.noise is None and sum(len(self.misfit.blocks(name)) for name in left) > 1:
+                scales = self._balanced(values, sizes)
             values = self._descend(values, scales, [self.misfit]).x
         return values, scales
+
+    def _balanced(self, values: np.ndarray, sizes: Mapping[str, float]) -> dict[str, float]:
+        """Scales of all signals by their residuals, and with them the share of each recording: by how many of its samples tell anything new.
+
+        Residuals that repeat each other, as by noise of the force, would else outweigh the few independent samples of another recording.
+        """
+        scales, shares, left = {}, {}, self._left(values)
+        for name, own in self._all_weights().items():
+            repeats = self.repeats.get(name, np.ones(own.size))
+            parts, least = [], 1e-9 * sizes[name]
+            for rows in _rows(self.misfit.blocks(name)):
+                good = own[rows] > 0.0
+                rms = max(deviation(left[name][rows][good], repeats[rows][good], self.misfit.measured[name][rows]), least)
+                parts.append(np.full(good.size, rms * (memory(left[name][rows][good]) if self.repeats else 1.0)))
+            each = np.concatenate(parts)
+            scales[name] = float(each.min())
+            shares[name] = repeats * scales[name] / each
+        if self.repeats:
+            self.shares = shares
+        return scales
+
+    def _samples(self) -> float:
+        """Number of samples that count, one for all that repeat one value of an encoder."""
+        return sum(
+            float(np.sum(self.repeats[name][own > 0.0] ** 2)) if self.repeats else float(np.count_nonzero(own))
+            for name, own in self._all_weights().items()
+        )
 
     def _trust(self, name: str, left: np.ndarray, size: float) -> np.ndarray:
         """Weights of the samples of a signal: none of those that break the law, and of those whose deviation is known otherwise that of the noise by it.
@@ -189,14 +260,17 @@ class LeastSquares:
 
         given, weights, deviation = self.misfit.deviations(name), np.ones(left.size), 1e-6 * size
         own = np.isfinite(given)
-        for group in (~own, own):
-            if not group.any():
-                continue
-            noise, deviation = deviation, max(1.4826 * float(np.median(np.abs(left[group]))), deviation)
-            near = np.abs(left[group]) <= (self.robust or math.inf) * deviation
-            weights[group] = near
-        if 1.0 - np.mean(weights > 0.0) > FEW:
-            weights[:] = 1.0
+        least = deviation
+        for rows in _rows(self.misfit.blocks(name)):
+            deviation = least
+            for group in (~own[rows], own[rows]):
+                if not group.any():
+                    continue
+                away = np.abs(left[rows][group])
+                noise, deviation = deviation, max(1.4826 * float(np.median(away)), deviation)
+                weights[rows][group] = away <= (self.robust or math.inf) * deviation
+            if 1.0 - np.mean(weights[rows] > 0.0) > FEW:
+                weights[rows] = 1.0
         if own.any():
             noise = noise if self.noise is None else self.noise[name]
             known = np.hypot(given[own], max(float(np.median(given[own])), 1e-6 * size)) / math.sqrt(
@@ -219,9 +293,12 @@ class LeastSquares:
         square = float((self._weighed(left, scales) ** 2).sum()) / max(len(jacobian) - len(self.names), 1)
         for law in laws:
             pair = np.array([(each == f"{law}static") * 1.0 - (each == f"{law}kinetic") for each in self.names])
+            told = (jacobian != 0.0).any(axis=0)  # the start of a run at rest has no influence
             with contextlib.suppress(np.linalg.LinAlgError):
-                variance = square * float(pair @ np.linalg.inv(np.einsum("ni,nj->ij", jacobian, jacobian)) @ pair)
-                if 0.0 < CLEAR * variance < float(pair @ values) ** 2:
+                variance = square * float(
+                    pair[told] @ np.linalg.inv(np.einsum("ni,nj->ij", jacobian[:, told], jacobian[:, told])) @ pair[told]
+                )
+                if told[pair != 0.0].all() and 0.0 < CLEAR * variance < float(pair @ values) ** 2:
                     continue
             mute = not (jacobian[:, self.names.index(f"{law}static")] != 0.0).any()
             try:
@@ -229,7 +306,7 @@ class LeastSquares:
             except (SceneError, SimulationError):
                 continue
             squares = [float((self._weighed(self._left(each), scales) ** 2).sum()) for each in (values, one)]
-            n = sum(int(np.count_nonzero(own)) for own in self._all_weights().values())
+            n = self._samples()
             ways = self._weighed(self.misfit.slopes(one, self._size(one)), scales) @ rest.directions
             fewer = len(self.names) - int((ways != 0).any(axis=0).sum())
             if fewer < 1 or n <= len(self.names) or squares[0] <= 0.0:
@@ -308,9 +385,10 @@ class LeastSquares:
 
     def _heard(self, row: np.ndarray) -> np.ndarray:
         """What stands in a row of all signals, each sample by its weight."""
-        if self.weights:
-            weights = np.concatenate([self.weights[name] for name in self.misfit.outputs])
-            row *= weights if row.ndim == 1 else weights[:, None]
+        for each in (self.weights, self.shares):
+            if each:
+                weights = np.concatenate([each[name] for name in self.misfit.outputs])
+                row *= weights if row.ndim == 1 else weights[:, None]
         return row
 
     def _given_noise(self, sizes: Mapping[str, float]) -> dict[str, float]:
@@ -338,9 +416,17 @@ class LeastSquares:
         return [inside, *(low + drawn * (high - low))]
 
     def _descend(
-        self, begin: np.ndarray, scales: Mapping[str, float], horizons: Sequence[Any], tell: Callable[[], object] = lambda: None
+        self,
+        begin: np.ndarray,
+        scales: Mapping[str, float],
+        horizons: Sequence[Any],
+        tell: Callable[[], object] = lambda: None,
+        roughly: bool = False,
     ) -> Any:
-        """Where least squares end from some numbers, over longer and longer parts of the data; tell: called after each evaluation of the model."""
+        """Where least squares end from some numbers, over longer and longer parts of the data.
+
+        tell: called after each evaluation of the model;  roughly: whether few digits will do, because a search with other weights follows.
+        """
         from scipy.optimize import least_squares
 
         size = self._size(self.first)
@@ -362,7 +448,7 @@ class LeastSquares:
                 row = residuals(misfit, ways @ (q * size), scales)
                 return self._heard(row) if misfit is self.misfit else row
 
-            whole = misfit is self.misfit
+            whole = misfit is self.misfit and not roughly
             given: dict[str, Any] = {"fun": left, "jac": slopes, "x0": np.clip(back @ values, low, high) / size}
             given |= {
                 "x_scale": "jac",

@@ -118,10 +118,10 @@ class Simulated(Misfit):
             size = given[name].times.size
             keep = np.zeros(size, bool)
             keep[::2] = keep[-1] = True
-            if of_levels(given[name].values):
-                jumps = np.diff(given[name].values) != 0.0
-                keep[1:] |= jumps
-                keep[:-1] |= jumps
+            if of_levels(given[name].values) or name in self.recording.stepped:
+                kept = np.diff(given[name].values) != 0.0 if of_levels(given[name].values) else np.diff(given[name].times) == 0.0
+                keep[1:] |= kept
+                keep[:-1] |= kept
             fewer[name] = Table(given[name].times[keep], given[name].values[keep])
         return Simulated(self.loop.replace(inputs={**self.loop.inputs, **fewer}), self.recording, self.numbers, self.accuracy, self.shifts)
 

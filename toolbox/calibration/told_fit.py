@@ -11,7 +11,6 @@ import numpy as np
 from toolbox.calibration.fit import fit
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.results import Fit
-from toolbox.calibration.windows import Search
 from toolbox.errors import SceneError, SimulationError, Unidentifiable
 from toolbox.modelling.composition import compose
 
@@ -87,7 +86,7 @@ def told_fit(
     def again(values: Mapping[str, float]) -> bool:
         if options["starts"].starts > 1 or not astray(values):
             return False
-        options["starts"] = Search(SEARCHES)
+        options["starts"] = dataclasses.replace(options["starts"], starts=SEARCHES, growing=True)
         return True
 
     while True:

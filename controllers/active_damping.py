@@ -22,8 +22,8 @@ class ActiveDamping(TorqueLimits):
     characteristic polynomial is J_2 / J_1 (s^2 + sqrt(J_1 / J_2) om s + om^2)^2. No other gains k_f and c_f give the
     less damped pair more damping.
 
-    `design` reads k, J_1, J_2 and the drag c_r of the drive from the plant (`chain`) and returns a `PI` with these
-    gains.
+    u is the torque of the drive and e the error of the top speed. `design` reads k, J_1, J_2 and the drag c_r of the
+    drive from the plant (`chain`) and returns a `PI` with these gains.
 
     Source: J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668.
 
@@ -64,6 +64,11 @@ class ActiveDamping(TorqueLimits):
         """Return the `PI` with the gains for this plant.
 
         Raises SceneError if the plant has no chain of inertias, or if the drag of the drive is not below c_f.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         try:
             inertia, stiffness, drag = (plant.parameter(f"chain.{name}") for name in ("inertia", "stiffness", "top_drag"))

@@ -96,8 +96,10 @@ class BrakeLaw(Controller):
         found: dict[str, Any] = {}
         try:
             found = {name: plant.parameter(f"disc.{name}") for name in ("inertia", "radius") if getattr(self, name) is None}
-        except SceneError as error:
-            raise SceneError(f"{type(self).__name__} needs `inertia` and `radius` of the disc: {error}") from None
+        except SceneError:
+            raise SceneError(
+                f"{type(self).__name__} needs `inertia` and `radius` of a disc: give both, or a plant with a `DiscBrake`."
+            ) from None
         if self.margin is not None and self.border_forces is None and (self.border is None or self.border_growth is None):
             border = groan_border(plant)
             if border.border_growth > 0.0:
@@ -162,6 +164,11 @@ class BrakeLaw(Controller):
         """The limits of the force, for whoever draws it."""
         return {"brake.force": (self.lowest_force, self.highest_force)}
 
+    @property
+    def rate_limits(self) -> dict[str, float | None]:
+        """The highest rate of the force, for whoever tells when it was reached."""
+        return {"brake.force": self.force_rate}
+
     def limited(self, wanted, speed, period, last):
         """The command, given the last one."""
         if self.margin is not None:
@@ -206,7 +213,14 @@ class GroanBorder(NamedTuple):
     border_growth: float = 0.0
 
     def at(self, speed: float) -> float:
-        """Return the border [N] at a disc speed [rad/s] >= 0. If two pieces meet at this speed, the piece of the higher speeds is used."""
+        """Return the border [N] at a disc speed [rad/s] >= 0. If two pieces of the border meet at this speed, the
+        result belongs to the piece of the higher speeds.
+
+        Parameters
+        ----------
+        speed
+            Disc speed [rad/s], >= 0.
+        """
         piece = int(np.searchsorted(self.speeds, number("speed", speed, "rad/s", at_least=0), side="right")) - 1
         return self.forces[piece] * math.exp(self.border_growth * speed)  # growth is 0 where a piece has no border
 
@@ -219,7 +233,8 @@ class GroanBorder(NamedTuple):
 
 
 def groan_border(plant: HybridSystem) -> GroanBorder:
-    """Find the force of one pad above which the pad of a disc brake loses its damping, as a function of the disc speed.
+    """Find the force of one pad above which a disc brake groans, because the pad loses its damping, as a function of
+    the disc speed.
 
     The pad keeps its damping while 2 N s(r w) < c. Here s is the decrease of the friction coefficient per unit of slip
     speed, r the effective radius, w the disc speed and c the damping of the caliper.

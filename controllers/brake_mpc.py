@@ -32,9 +32,10 @@ class BrakeMPC(BrakeLaw):
     - excess >= 0 is the force by which the plan violates the border of groan.
     - alpha = 1 - exp(-h / lag). The time constant `lag` of the actuator is read from the plant if it is not given.
     - mu = T / (2 r n) is the measured coefficient of friction, averaged over `filter_time`. T is the brake torque.
-    - N(w) is the border of groan. A border N_0 exp(q w) is convex in w. The program uses its tangents at the last
-      prediction, which lie below the border. A border that is constant in pieces, for example from a friction table, is
-      taken at the speed of the last prediction.
+    - N(w) is the border of groan: the force of one pad above which the pad groans, at the disc speed w. A border N_0
+      exp(q w) is convex in w. The program uses its tangents at the last prediction, which lie below the border. A
+      border that is constant in pieces, for example from a friction table, is taken at the speed of the last
+      prediction.
 
     The controller predicts the border. It therefore brakes harder than the plan before it must reduce the force.
 
@@ -80,6 +81,11 @@ class BrakeMPC(BrakeLaw):
 
         y is the array (disc speed [rad/s], brake torque [N m]). The callable remembers its last plan and the averaged
         friction from sample to sample.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         check_fields(self)
         lag = self.lag

@@ -34,8 +34,9 @@ class BrakeSlidingMode(BrakeLaw):
     measured: it is limited to 0.5 to 2 times the expected `friction` and averaged over `filter_time`. With
     `filter_time` 0 it is the value of the last sample.
 
-    The sign function is discretised implicitly, sgn(s_(k+1)) = sat(s_k / (eta period)). The boundary layer is therefore
-    never thinner than eta times the period, and the force does not chatter.
+    sat(x) is x, limited to -1 to 1. I is the inertia of the disc and r the effective radius, both read from the plant.
+    `deceleration` is the planned deceleration. If width is smaller than eta times the sample time, eta times the sample
+    time is used in its place. This is the implicit discretisation of the sign function: the force does not chatter.
 
     Examples
     --------

@@ -71,8 +71,9 @@ class LoadDither(Controller):
 class NormalDither(LoadDither):
     """Sinusoidal dither of a normal load with one frequency: load = mean (1 + depth sin(2 pi frequency t)).
 
-    - `load` is the name of the input to which the controller gives the load (default `bit.weight`).
-    - `mean` is by default the declared value of this input.
+    - `load` is the name of the input that the controller gives (default `bit.weight`).
+    - `mean` is the mean of the load, by default the value of this input in the plant. `depth` (default 0.5) and
+      `frequency` [Hz] (default 1) describe the wave.
     - `over` is the name of a force that another controller commands, such as `brake.force`. The input `load`, such as
       `brake.disturbance`, is then depth sin(2 pi frequency t) times this force.
 
@@ -86,15 +87,15 @@ class NormalDither(LoadDither):
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), NormalDither()))
     Closed loop: TorsionalChain, BitRock
       NormalDither, continuous: mean 97 kN, depth 0.5, frequency 1 Hz
-      bit.weight has no effect, because the input bit.weight takes its place
+      the parameter bit.weight has no effect: a controller gives the signal bit.weight (vary a number of the controller)
     """
 
     frequency: Quantity = quantity(1.0, "Hz", "frequency of the dither", above=0)
 
     def wave(self) -> Any:
-        """Return the wave sin(2 pi frequency t) as a casadi expression. Its values are between -1 and 1.
+        """Return the wave sin(2 pi frequency t) as a casadi expression of the symbol `toolbox.time`, with values from -1 to 1.
 
-        The method has no argument: the time t in the expression is the symbol `toolbox.time`.
+        The method takes no argument: an expression is not a number, and a run replaces the symbol by its time.
         """
         return ca.sin(2.0 * ca.pi * self.frequency * time)
 
@@ -109,8 +110,11 @@ class NormalDither(LoadDither):
 class SquareDither(NormalDither):
     """Square-wave dither of a normal load: mean (1 + depth) in the first half of every period, mean (1 - depth) in the second half.
 
-    The fields are the fields of `NormalDither`. The controller runs sampled only, so that the jumps are at samples.
-    `toolbox.inputs.square` is the same wave as an input.
+    `load` is the name of the input that the controller gives (default `bit.weight`), `mean` the mean of the load
+    (default: the value of this input in the plant), `depth` a fraction of the mean (default 0.5) and `frequency` the
+    frequency [Hz] (default 1). With the name of a force in `over`, the input is plus or minus depth times this force.
+    The controller runs sampled only, so that the jumps are at samples. `toolbox.inputs.square` is the same wave as an
+    input.
 
     Examples
     --------
@@ -120,7 +124,7 @@ class SquareDither(NormalDither):
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SquareDither(), "10 ms")))
     Closed loop: TorsionalChain, BitRock
       SquareDither, sampled every 10 ms: mean 97 kN, depth 0.5, frequency 1 Hz
-      bit.weight has no effect, because the input bit.weight takes its place
+      the parameter bit.weight has no effect: a controller gives the signal bit.weight (vary a number of the controller)
     """
 
     def continuous(self, signal):
@@ -134,11 +138,13 @@ class SquareDither(NormalDither):
 class SweptDither(NormalDither):
     """Sinusoidal dither of a normal load with the varying frequency f(t) = frequency + frequency_deviation sin(2 pi t / sweep_time).
 
-    The frequency varies by `frequency_deviation` above and below `frequency`, with the period `sweep_time`. The other
-    fields are the fields of `NormalDither`.
+    The load is mean (1 + depth sin(phase)), and the phase grows at the rate 2 pi f(t). `load` is the name of the input
+    that the controller gives (default `bit.weight`), `mean` the mean of the load (default: the value of this input in
+    the plant), and `depth` a fraction of the mean (default 0.5). The frequency varies by `frequency_deviation` above
+    and below `frequency` [Hz], with the period `sweep_time` [s].
 
-    By default the dither acts on the weight on bit: the controller gives the input `bit.weight`, so the declared weight
-    of the rock is no longer used, except as the mean of the dither.
+    By default the dither acts on the weight on bit: the controller gives the input `bit.weight`. The parameter `weight`
+    of the rock is then only the mean of the dither.
 
     Examples
     --------
@@ -148,7 +154,7 @@ class SweptDither(NormalDither):
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SweptDither()))
     Closed loop: TorsionalChain, BitRock
       SweptDither, continuous: mean 97 kN, depth 0.5, frequency 1 Hz, frequency_deviation 0.4 Hz, sweep_time 20 s
-      bit.weight has no effect, because the input bit.weight takes its place
+      the parameter bit.weight has no effect: a controller gives the signal bit.weight (vary a number of the controller)
     """
 
     frequency_deviation: Quantity = quantity(0.4, "Hz", "largest deviation from `frequency` in both directions", at_least=0)
@@ -173,7 +179,9 @@ class PhasedDither(LoadDither):
       while v rises. Example: a block on a moving belt, whose slip speed falls while the block moves with the belt.
     - `unit` is by default the unit of the signal `speed` in the plant.
 
-    `load`, `mean` and `over` are the same as for `NormalDither`. The controller runs continuously or sampled.
+    `load` is the name of the input that the controller gives (default `bit.weight`), and `mean` the mean of the load
+    (default: the value of this input in the plant). With the name of a force in `over`, the load is the deviation from
+    the mean only, multiplied by this force in place of `mean`. The controller runs continuously or sampled.
 
     Examples
     --------
@@ -183,7 +191,7 @@ class PhasedDither(LoadDither):
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), PhasedDither(reference="60 rpm")))
     Closed loop: TorsionalChain, BitRock
       PhasedDither, continuous: mean 97 kN, depth 0.5, reference 60 rpm, speed_scale 9.549 rpm
-      bit.weight has no effect, because the input bit.weight takes its place
+      the parameter bit.weight has no effect: a controller gives the signal bit.weight (vary a number of the controller)
     """
 
     speed: str = "bit.speed"
@@ -201,7 +209,13 @@ class PhasedDither(LoadDither):
             raise SceneError("Argument `speed_scale` must not be 0.")
 
     def design(self, plant: HybridSystem) -> Any:
-        """Return the controller with the mean load and the unit of the speed from the plant, if they are not given."""
+        """Return the controller with the mean load and the unit of the speed from the plant, if they are not given.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
+        """
         law = super().design(plant)
         return law if self.unit is not None else replace(law, unit=plant.unit(self.speed))
 
@@ -307,12 +321,12 @@ def dither_map(
 ) -> DitherMap:
     """Map the amplitude of a signal over frequency and depth of an alternating load, by simulation.
 
-    The load is mean (1 + depth sin) - other_load. Each run lasts `periods` natural periods, and its second half is
-    evaluated.
+    The load is mean (1 + depth sin(2 pi frequency t)) - other_load. Each run lasts `periods` natural periods, and its
+    second half is evaluated.
 
-    The map is valid for a machine whose mean speed is held constant. If the dither could stop the machine, hold its
-    speed with `controller=HeldSpeed(reference=...)`. An example is a brake under a drive torque. Points at which the
-    contact stands still are never recommended.
+    The map is valid for a machine whose mean speed is held constant. If the dither could stop the machine, such as a
+    brake under a drive torque, hold its speed with `controller=HeldSpeed(reference=...)`. Points at which the contact
+    stands still are never recommended.
 
     Parameters
     ----------
@@ -322,9 +336,9 @@ def dither_map(
         Name of the input that alternates. To include the dynamics of an actuator, make the actuator part of the plant
         and give its command as load.
     mean
-        Mean of the load, in SI.
+        Mean of the load, in SI, > 0.
     natural
-        Natural frequency [Hz], the unit of `ratios`.
+        Natural frequency of the machine [Hz]. `ratios` are multiples of this frequency.
     contact, signal
         Names of the contact that is evaluated and of the signal whose amplitude is mapped.
     ratios
@@ -332,7 +346,7 @@ def dither_map(
     depths
         Amplitudes of the alternation as fractions of `mean`, shape (n_depths,).
     periods
-        Length of a run in natural periods.
+        Length of a run in natural periods, by default 80.
     other_load
         Part of the load that another input gives [N], by default 0. For the input `brake.disturbance`, for example, it
         is the constant `brake.force`.

@@ -23,8 +23,9 @@ class HInfinity(TorqueLimits):
         u = u_0 + K(s) (1 + integrator_leak / s) (w_top - reference)
         || (T_bit / disturbance_scale, n / speed_noise) -> (w_bit / bit_speed_scale, z / angle_scale, u / torque_scale) || < gamma
 
-    - K(s) is the computed controller. T_bit is a disturbance of the bit torque, n the error of the measured top speed,
-      and u_0 the torque at the operating point.
+    - K(s) is the computed controller, u the torque of the drive and u_0 the torque at the operating point. w_top and
+      w_bit are the speeds of top and bit. T_bit is a disturbance of the bit torque and n the error of the measured top
+      speed.
     - z is the error of the top speed filtered with 1 / (s + integrator_leak). A true integral is not possible here: a
       constant measurement error would make it grow without bound, so no controller would have a finite norm.
     - K without an integrator leaves a steady speed error under an unknown load. The factor 1 + integrator_leak / s,
@@ -82,6 +83,11 @@ class HInfinity(TorqueLimits):
 
         If `controller_matrices` is given, the method returns this controller unchanged. Raises SceneError if no controller
         has a finite norm on this plant.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         if self.controller_matrices is not None:
             return self

@@ -18,13 +18,19 @@ class ImplicitSlidingMode(SlidingSurface):
         u = u_eq + J_r (Om' - d) - J_r eta sgn(s_(k+1))
         d_(k+1) = d_k + adaptation_gain s_k / period      if sgn is inside its clip and the torque inside its limits
 
-    s, u_eq, J_r and Om are the surface, the equivalent control, the inertia of the drive and the set-point, as in
-    `SlidingMode`. sgn is the set-valued sign, and eta is the field `reaching_rate`.
+    u is the torque of the drive. J_r is the inertia of the drive, Om the set-point of the top speed and eta the field
+    `reaching_rate`. The surface s and the torque u_eq that keeps it constant are
+
+        s = (w_r - Om) + lam int (w_r - Om) dt + lam int (w_r - w_b) dt
+        u_eq = c_r w_r + tau - J_r lam [(w_r - Om) + (w_r - w_b)]
+
+    with the top speed w_r, the bit speed w_b, the torque tau of the string on the drive, the drag c_r of the drive, and
+    lam, the field `surface_gain`. sgn is the set-valued sign.
 
     - The controller reaches s = 0 exactly in finitely many samples and then gives the equivalent control. An explicit
       discretisation of the sign would chatter with the amplitude eta times the period.
-    - d is an estimate of an acceleration that is missing in the model, for example because of a wrong drag. If a is
-      such an acceleration, a controller without d keeps the error s = period a, which is of first order in the period.
+    - d is an estimate of an acceleration that the model does not contain, for example because the drag of the model is
+      wrong. Without d, a missing acceleration a leaves the error s = period a, which is of first order in the period.
       With d the remaining error depends only on the change of a and is of second order.
     - Om' is the rate of the set-point, from its last two values. Om' and d are limited to eta.
 

@@ -34,9 +34,9 @@ CHANGED = 0.05
 class Lifting(Controller):
     """Controller that raises the set-point of another controller while the bit sticks and slips, as drillers do by hand.
 
-    In this description L is the raised set-point, and zeta is the impedance of the string. A period is the natural
-    period of the string below a drive that does not swing (`string_period`). A Kalman filter estimates the bit speed
-    and the string torque from the top speed and the torque command.
+    In this description L is the raised set-point [rad/s], and zeta the torsional wave impedance of the string [N m
+    s/rad]. A period is the natural period of the string below a drive that holds its speed (the field `string_period`
+    [s]). A Kalman filter estimates the bit speed and the string torque from the top speed and the torque command.
 
     1. Detection. A dip is a bit speed below 0.35 L while sqrt(2 var(string torque)) > 0.8 L zeta, after a bit speed
        above 0.5 L. The variance is taken over one period. Stick-slip is detected after two dips within 20 periods, or
@@ -45,8 +45,8 @@ class Lifting(Controller):
        `factor_step` times the set-point is added, up to `max_factor` times the set-point.
     3. Return. When the amplitude of the string torque has stayed below 0.5 L zeta for half a period, L returns to the
        set-point at `lower_rate`.
-    4. Relapse. If stick-slip is detected during the return, or within 54 periods after it, L rises to the value that
-       calmed the bit before. After n relapses L returns 1 + n^2 / 2 times more slowly.
+    4. Relapse. If stick-slip is detected during the return, or within 54 periods after it, L rises to the value at
+       which stick-slip ended before. After n relapses L returns 1 + n^2 / 2 times more slowly.
     5. Give up. L returns, and is not raised again until the set-point changes by 5 %. The controller gives up in these
        cases:
 
@@ -92,11 +92,11 @@ class Lifting(Controller):
     - `lifting.reference`: L [rad/s].
     - `lifting.lifts`: number of raises.
     - `lifting.gave_up`: magnitude of the set-point at which the controller gave up [rad/s], else 0.
-    - `lifting.held`: L minus the set-point when the bit calmed last [rad/s].
+    - `lifting.held`: L minus the set-point at the last time at which the stick-slip ended [rad/s].
     - `lifting.relief`: removed fraction of the weight (with `weight_relief`).
 
     Sampled only. If the inner controller is designed as a Python callable (for example a predictive controller), the
-    whole controller becomes a callable, and `run.controllers[0].inside` holds the inner one.
+    whole controller becomes a callable, and after a run `run.controllers[0].inside` holds the inner controller.
 
     Source: the practice of raising the rotary speed against stick-slip; the rules and their numbers are choices of this
     toolbox.
@@ -154,6 +154,11 @@ class Lifting(Controller):
         - `string_period`: natural period of the string below a drive that does not swing [s];
         - `string_impedance`: torsional impedance of the string [N m s/rad];
         - `weight`, with `weight_relief`: declared weight on bit [N].
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         filled: dict[str, Any] = {}
         if self.string_period is None or self.string_impedance is None:

@@ -41,8 +41,8 @@ class LinearMPC(Predictive):
     A. With a value above the default the filter is faster, but it passes noise to the bit, which destabilises the bit
     at low speed. With a value below the default the filter reacts late to the release of a stuck bit.
 
-    Limits, sensors, delay and the fallback to a soft drive are described in the base class
-    `controllers.predictive.Predictive`. The controller runs sampled only, with the sample time `period`.
+    The base class `controllers.predictive.Predictive` describes torque limits, sensors, delay and the soft drive that
+    takes over if no plan is found. The controller runs sampled only, with the sample time `period`.
 
     A stuck bit cannot trap the controller: the estimate of T follows the torque of the string, and the plan winds the
     string up further.
@@ -70,6 +70,11 @@ class LinearMPC(Predictive):
         y is an array that begins with the measured signals, in the order of `measured_signals`. After them the set-point
         [rad/s] may follow, or the present torque [N m] and then the set-point. The callable remembers its estimates and its
         last plan from sample to sample.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         return PlannedLinear(self, without_actuators(plant))
 

@@ -46,7 +46,13 @@ class LQG(LQR):
     drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "intensity of the white noise of the drive torque", at_least=0)
 
     def design(self, plant):
-        """Return the controller that consists of the regulator and the Kalman filter, both designed on the plant."""
+        """Return the controller that consists of the regulator and the Kalman filter, both designed on the plant.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
+        """
         regulator = LQR(
             reference=self.reference, top_speed_scale=self.top_speed_scale, bit_speed_scale=self.bit_speed_scale, angle_scale=self.angle_scale,
             torque_scale=self.torque_scale, tracking_time=self.tracking_time, states=self.states, units=self.units, gain=self.gain,

@@ -29,22 +29,22 @@ class LQR(TorqueLimits):
     The scales follow Bryson's rule: a deviation by one scale costs the same for every quantity (A. E. Bryson, Y.-C. Ho,
     Applied Optimal Control, 1975).
 
-    `design` linearises the plant with the bit sliding at `reference`. This operating point gives x_0 and u_0, and the
-    Riccati equation (scipy) gives K. If the set-point changes, x_0 and u_0 change with it by `operating_point_slope`
-    per rad/s.
+    `design` linearises the plant with the bit sliding at `reference`. This operating point gives the states x_0 and the
+    torque u_0, and the Riccati equation (solved by scipy) gives the gains K and K_i. If the set-point changes, x_0 and
+    u_0 change with it by `operating_point_slope` per rad/s.
 
     Torque limits: if they are given, z has anti-windup by back-calculation. The term (wanted - command) / (K_i
-    tracking_time) is added to z', with the torque u before and after the limits, wanted and command. In the sampled
-    form the tracking time is at least one sample time.
+    tracking_time) is added to z'. Here wanted is the torque u before the limits, and command the torque after the
+    limits. In the sampled form the tracking time is at least one sample time.
 
     Start: in the sampled form z is initialised so that the first command equals the present torque (bumpless start,
     `controllers.bumpless`).
 
     The controller measures all states of the string.
 
-    Range of validity: near the operating point. K also holds the twist of the string at the operating point. A stuck
-    bit is therefore wound up and freed only as fast as the integral overcomes K, which takes tens of seconds at low
-    set-points.
+    Range of validity: near the operating point. A stuck bit is freed slowly, because the state feedback K keeps the
+    twist of the string near the twist x_0 of the operating point. Only the integral z increases the twist further,
+    which takes tens of seconds at low set-points.
 
     Examples
     --------
@@ -78,6 +78,11 @@ class LQR(TorqueLimits):
         """Return a copy of the controller with the fields `gain`, `operating_point` and `operating_point_slope` computed on the plant.
 
         If `gain` is given, the method returns this controller unchanged.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         if self.gain is not None:
             return self

@@ -31,8 +31,8 @@ class NonlinearMPC(Predictive):
     """Nonlinear model predictive control of the top drive, with a hybrid model that predicts stick and slip of the bit.
 
     In every sample a plan of torques is simulated with the model, linearised along the predicted motion, and improved
-    by one quadratic program. With `iterations` > 1 this is repeated until the plan converges (SQP). A step is shortened
-    until it lowers the cost of the simulated plan, so a program cannot make a plan worse.
+    by one quadratic program. With `iterations` > 1 this is repeated until the plan converges (SQP). The change of the
+    plan is shortened until it lowers the cost of the simulated plan, so a quadratic program cannot make a plan worse.
 
     The initial plan is the plan of the last sample. If another plan is better, that plan is taken: the plan of a soft
     drive while the bit is at rest, or the plan of the linear regulator while the bit turns.
@@ -60,8 +60,8 @@ class NonlinearMPC(Predictive):
     - At rest the factor follows from the largest torque that the rock has held, increased by the fraction
       `holding_torque_margin`.
 
-    Limits, sensors, delay and the fallback to a soft drive are described in the base class
-    `controllers.predictive.Predictive`. The controller runs sampled only, with the sample time `period`.
+    The base class `controllers.predictive.Predictive` describes torque limits, sensors, delay and the soft drive that
+    takes over if no plan is found. The controller runs sampled only, with the sample time `period`.
 
     Range of validity: horizons of a few seconds. With much longer horizons the cost has local minima in which the bit
     sticks.
@@ -112,6 +112,11 @@ class NonlinearMPC(Predictive):
         y is an array that begins with the measured signals, in the order of `measured_signals`. After them the set-point
         [rad/s] may follow, or the present torque [N m] and then the set-point. The callable remembers its estimates and its
         last plan from sample to sample.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         return PlannedNonlinear(self, without_actuators(plant))
 

@@ -26,7 +26,8 @@ class StringObserverController(ObserverBasedController):
       and an untwisted string, which would disturb the drive for some seconds. A string at rest starts as with
       `ObserverBasedController` (see `controllers.bumpless`).
 
-    With an observer that is no `StringObserver` the class acts like `ObserverBasedController`.
+    `StringObserver` is the base class of the observers in `controllers.observers`. With any other observer the class
+    acts like `ObserverBasedController`.
 
     Source: O. J. M. Smith, Chem. Eng. Progress 53 (1957) 217-219 (delay compensation).
 

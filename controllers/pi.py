@@ -15,8 +15,8 @@ from toolbox.authoring import number
 class PI(TorqueLimits):
     """PI control of the top-drive speed: u = proportional e + integral int e dt, e = reference - top speed.
 
-    The field `reference` is the default of the signal `top.reference` [rad/s]. The controller is continuous or sampled.
-    The sampled form is
+    u is the torque of the drive and z the integral of the error e. The field `reference` is the default of the signal
+    `top.reference` [rad/s], the set-point. The controller is continuous or sampled. The sampled form is
 
         u_k = proportional e_k + integral z_k,   z_(k+1) = z_k + period e_k
 
@@ -28,7 +28,7 @@ class PI(TorqueLimits):
     wanted is the torque u before the limits, command the torque after the limits.
 
     Start: in the sampled form z is initialised so that the first command equals the present torque (bumpless start,
-    `controllers.bumpless`). If there is no present torque, z begins at 0.
+    `controllers.bumpless`). If no torque acts before the start, z begins at 0.
 
     Examples
     --------
@@ -46,7 +46,8 @@ class PI(TorqueLimits):
 
     @classmethod
     def placed(cls, inertia: float, frequency: float, damping: float = 0.7, **others: Any) -> PI:
-        """Return the controller with which an inertia without string has the poles of s^2 + 2 damping om s + om^2.
+        """Return the controller that gives the drive alone, an inertia without a string, the poles of s^2 + 2 damping
+        om s + om^2.
 
             proportional = 2 damping om J,     integral = om^2 J
 
@@ -64,7 +65,7 @@ class PI(TorqueLimits):
         damping
             Damping ratio [1], by default 0.7.
         others
-            Other fields of the controller, such as `reference`.
+            Other fields of `PI` as keyword arguments, such as `reference="60 rpm"`.
 
         Returns
         -------

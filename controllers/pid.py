@@ -88,12 +88,14 @@ class PID(Controller):
 
     @property
     def limited(self) -> bool:
-        """Whether the controller has a limit."""
+        """Whether the output of the controller has a limit: True if `lowest` or `highest` is given."""
         return self.lowest is not None or self.highest is not None
 
     @property
     def signal_limits(self) -> dict[str, tuple[Any, Any]]:
-        """Limits of the actuated signal, as {signal: (lowest, highest)}. None means no limit. Figures of a run draw these limits."""
+        """Limits of the actuated signal, the output of the controller, as {signal: (lowest, highest)}. None means no
+        limit. Figures of a run draw these limits.
+        """
         return {self.actuated_signals[0]: (self.lowest, self.highest)}
 
     def continuous(self, signal):

@@ -68,8 +68,10 @@ class SlidingSurface(TorqueLimits):
         try:
             inertia = self.inertia if self.inertia is not None else float(plant.parameter("chain.inertia")[0])
             drag = self.drag if self.drag is not None else plant.parameter("chain.top_drag")
-        except SceneError as error:
-            raise SceneError(f"{type(self).__name__} needs `inertia` and `drag` of the top drive: {error}") from None
+        except SceneError:
+            raise SceneError(
+                f"{type(self).__name__} needs `inertia` and `drag` of the top drive: give both, or a plant with a `TorsionalChain`."
+            ) from None
         return replace(self, inertia=inertia, drag=drag)
 
     def terms(self, signal, angle):
@@ -122,7 +124,8 @@ class SlidingMode(SlidingSurface):
         s = (w_r - Om) + lam int (w_r - Om) dt + lam int (w_r - w_b) dt,   u = u_eq - J_r eta sgn(s)
         u_eq = c_r w_r + tau - J_r lam [(w_r - Om) + (w_r - w_b)],         so that  s' = -eta sgn(s)
 
-    - w_r is the top speed, w_b the bit speed, Om the set-point, and tau the torque of the string on the drive.
+    - u is the torque of the drive, w_r the top speed, w_b the bit speed, Om the set-point, and tau the torque of the
+      string on the drive.
     - lam is the field `surface_gain`, eta the field `reaching_rate`.
     - The inertia J_r and the drag c_r of the drive are read from the plant, if they are not given.
 
@@ -173,8 +176,10 @@ class IdealSlidingMode(SlidingSurface):
 
         u = u_eq - J_r eta sgn(s),   s = (w_r - Om) + lam int (w_r - Om) dt + lam int (w_r - w_b) dt
 
-    w_r is the top speed, w_b the bit speed and Om the set-point. u_eq is the equivalent control (see `SlidingMode`),
-    J_r the inertia of the drive, lam the field `surface_gain`, and eta the field `reaching_rate`.
+    u is the torque of the drive, w_r the top speed, w_b the bit speed and Om the set-point. J_r is the inertia of the
+    drive, lam the field `surface_gain`, and eta the field `reaching_rate`. u_eq = c_r w_r + tau - J_r lam [(w_r - Om) +
+    (w_r - w_b)] is the torque that keeps s constant, with the drag c_r of the drive and the torque tau of the string on
+    the drive.
 
     The relay is the contact `slidingmode`. In its mode "stick" the surface s = 0 has been reached. The force of the
     contact is then the torque that must be added to u_eq to stay on the surface.

@@ -51,7 +51,7 @@ class SoftTorque(TorqueLimits):
         Parameters
         ----------
         string_impedance
-            Wave impedance zeta of the pipe [N m s/rad] (`pipe_impedance`).
+            Wave impedance zeta of the pipe [N m s/rad], which `pipe_impedance` computes.
         inertia
             Inertia J of the drive [kg m2].
         frequency
@@ -59,7 +59,7 @@ class SoftTorque(TorqueLimits):
         reference
             Set-point [rad/s], by default 8.
         limits
-            Torque limits and other fields of the controller.
+            Torque limits and other fields of `PI` as keyword arguments.
 
         Returns
         -------

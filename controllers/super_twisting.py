@@ -28,8 +28,9 @@ class SuperTwisting(SlidingSurface):
         s = (w_r - Om) + lam int (w_r - Om) dt + lam int (w_r - w_b) dt
         u = u_eq - J_r (1.5 L^(1/2) |s|^(1/2) sgn(s) - v),   v' = -1.1 L sgn(s)
 
-    w_r is the top speed, w_b the bit speed and Om the set-point. The surface s and the equivalent control u_eq are the
-    same as in `SlidingMode`. J_r is the inertia of the drive, lam the field `surface_gain`, and L the field
+    u is the torque of the drive, w_r the top speed, w_b the bit speed and Om the set-point. u_eq = c_r w_r + tau - J_r
+    lam [(w_r - Om) + (w_r - w_b)] is the torque that keeps s constant, with the drag c_r of the drive and the torque
+    tau of the string on the drive. J_r is the inertia of the drive, lam the field `surface_gain`, and L the field
     `disturbance_rate`: the controller rejects disturbances of the acceleration whose rate of change is below L. The
     field `reaching_rate` is not used.
 
@@ -83,7 +84,8 @@ class ImpedanceSuperTwisting(SuperTwisting):
       inertia below the drive.
     - `surface_gain` is the rate at which the set-point is reached again after a disturbance.
 
-    The controller does not measure the bit speed.
+    The torque u = u_eq - J_r (1.5 L^(1/2) |s|^(1/2) sgn(s) - v), v' = -1.1 L sgn(s), with L the field
+    `disturbance_rate`. The controller does not measure the bit speed.
 
     Examples
     --------
@@ -101,7 +103,13 @@ class ImpedanceSuperTwisting(SuperTwisting):
     impedance: OptionalQuantity = quantity(None, "N m s/rad", "impedance Z", above=0)
 
     def design(self, plant):
-        """Return a copy of the controller in which the fields `inertia`, `drag` and `impedance` that are None have values from the chain."""
+        """Return a copy of the controller in which the fields `inertia`, `drag` and `impedance` that are None have values from the chain.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
+        """
         law = super().design(plant)
         if law.impedance is not None:
             return law

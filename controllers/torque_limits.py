@@ -60,6 +60,11 @@ class TorqueLimits(Controller):
         """The limits of the torque, for whoever draws it."""
         return {"top.torque": (self.lowest_torque, self.highest_torque)}
 
+    @property
+    def rate_limits(self) -> dict[str, float | None]:
+        """The highest rate of the torque, for whoever tells when it was reached."""
+        return {"top.torque": self.torque_rate}
+
     def clipped(self, wanted: Any) -> Any:
         """The torque wanted, cut to what the drive can give."""
         return clipped(wanted, self.lowest_torque, self.highest_torque)

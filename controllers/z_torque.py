@@ -22,8 +22,8 @@ class ZTorque(TorqueLimits):
 
         u = P e + I z + J_c (w - f) / T_f,   f' = (w - f) / T_f,   z' = e,   e = reference - top speed
 
-    w is the top speed and (w - f) / T_f its filtered acceleration. P, I, J_c and T_f are the fields `impedance`,
-    `integral`, `inertia` and `filter_time`.
+    u is the torque of the drive, w the top speed and (w - f) / T_f its filtered acceleration. P, I, J_c and T_f are the
+    fields `impedance`, `integral`, `inertia` and `filter_time`.
 
     Below the frequency sqrt(zeta / (J T_f)) the impedance of the drive is then P (and I / (i om) below I / P). Without
     compensation the inertia J would dominate. With P equal to the wave impedance of the string, zeta = I_p sqrt(G rho),
@@ -44,8 +44,8 @@ class ZTorque(TorqueLimits):
 
     Sampled form: the filter makes one Euler step per sample. This filter would be unstable for sample times above 2
     T_f, so such sample times raise an error. f begins at the measured speed, and z is initialised so that the first
-    command equals the present torque (bumpless start, `controllers.bumpless`). If there is no present torque, f and z
-    begin at 0.
+    command equals the present torque (bumpless start, `controllers.bumpless`). If no torque acts before the start, f
+    and z begin at 0.
 
     Source: U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018) (impedance matching).
 
@@ -76,13 +76,13 @@ class ZTorque(TorqueLimits):
         Parameters
         ----------
         string_impedance
-            Wave impedance zeta of the string [N m s/rad] (see `pipe_impedance`).
+            Wave impedance zeta of the string [N m s/rad], which `pipe_impedance` computes.
         inertia
             Inertia J of the drive [kg m2].
         filter_time
             Time constant T_f of the filter of the acceleration [s], by default 0.05.
         others
-            Other fields of the controller. `integral` is 0 unless given here.
+            Other fields of `ZTorque` as keyword arguments. `integral` is 0 unless given here.
 
         Returns
         -------
@@ -103,6 +103,11 @@ class ZTorque(TorqueLimits):
         the chain of the plant, and `back_calculation` is the impedance of the string.
 
         If none of the three fields is None, the method returns this controller unchanged.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         if None not in (self.impedance, self.integral, self.inertia):
             return self

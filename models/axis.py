@@ -54,9 +54,9 @@ class Axis(Component):
 
     - Needs the signal `axis.force` F [N] (default 0). If `has_load` is True, the axis also needs `axis.load` P [N]
       (default 0), and R is multiplied by 1 + q |P|, with q the field `load_sensitivity`.
-    - Gives the signals `axis.position` [m], `axis.speed` v [m/s] and `axis.resistance` [N], the force R + F_0 at steady
-      speed. If `has_speed_filter` is True, it also gives `axis.filtered_speed` [m/s], the speed after the filter of a
-      recorder.
+    - Gives the signals `axis.position` [m], `axis.speed` v [m/s] and `axis.resistance` [N], the force R + F_0 that
+      keeps the speed v constant. If `has_speed_filter` is True, it also gives `axis.filtered_speed` [m/s], the speed
+      after the filter of a recorder.
     - Contact: `rail`.
 
     The default values are examples without a source. Source of the equation: textbook, in the form of A. Janot, P.-O.
@@ -88,8 +88,12 @@ class Axis(Component):
 class Joint(Component):
     """Joint that rotates under a torque, with dry and viscous friction.
 
-    The equation is the equation of `Axis` with torques and angles in place of forces and positions. `identify` uses
-    this plant for recordings in rad and N m.
+        J w' = T - T_0 - R(w)
+
+    Symbols and their fields: J `inertia` [kg m2], T_0 `torque_offset` [N m], R friction law `friction`.
+
+    w is the speed, T the torque, T_0 a constant torque (an offset of the sensor or the amplifier, or a weight on a lever)
+    and R the friction. `identify` uses this plant for recordings in rad and N m.
 
     - Needs the signal `joint.torque` [N m] (default 0). If `has_load` is True, the joint also needs `joint.load` P [N
       m] (default 0), and the friction is multiplied by 1 + q |P|, with q the field `load_sensitivity`.

@@ -32,9 +32,9 @@ class OscillatorOnBar(Component):
       `oscillator.rate` q' [m/s], with one entry per mode.
     - Contact: `bar`.
 
-    The energy of the bar is computed in the frame of its clamps.
+    The energy of the bar is computed in a frame of reference that moves with its clamps.
 
-    This model is a reconstruction after Hong et al. (oscillator on a clamped-clamped axial bar). Only their statement
+    This model is a reconstruction of the oscillator of Hong et al. on a clamped-clamped axial bar. Only their statement
     about the two periods of the motion was available. The default values are examples without a source.
 
     Range of validity:

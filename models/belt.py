@@ -156,8 +156,9 @@ class BlocksOnBelt(Component):
     - Gives the signals `blocks.position` x (n) [m] and `blocks.speed` v (n) [m/s].
     - Contacts: `belt.i`.
 
-    Two equal blocks with equal start values move like one block alone. The default values are examples: two blocks of
-    Leine et al. (see `BlockOnBelt`), the second block 20 % heavier than the first, with a soft spring between them.
+    Two equal blocks with equal start values move like one block alone. The default values are examples: two blocks of 1
+    kg and 1.2 kg on springs of 1 N/m, with a soft spring between them. Friction and belt speed are the default values
+    of `BlockOnBelt` (Leine et al.).
 
     Examples
     --------
@@ -211,12 +212,12 @@ class Absorber(Component):
 
     - Needs the signals `block.position` x [m] and `block.speed` v [m/s].
     - Gives the signals `absorber.position` y [m], `absorber.speed` w [m/s] and `block.attachment` [N].
-    - With `attached_to="pad"` it is attached to the pads of a `DiscBrake` and uses the signals of the pads in place of
-      the signals of the block.
+    - With `attached_to="pad"` the absorber is attached to the pads of a `DiscBrake`: `pad.position`, `pad.speed` and
+      `pad.attachment` replace the signals of the block.
 
     `Absorber.tuned` returns an absorber with which a block stays at rest under large negative damping.
 
-    This model is a reconstruction. Maegawa and Itoigawa studied an oscillator on an elastic foundation with an
+    This model is a reconstruction: Maegawa and Itoigawa studied an oscillator on an elastic foundation with an
     absorber, but their full paper was not available. The default values fit a block of 1 kg on a spring of 1 N/m.
 
     Examples

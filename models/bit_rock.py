@@ -12,8 +12,9 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, qu
 class BitRock(Component):
     """Rock under a rotating bit: set-valued Stribeck torque T = W R_b [mu_c + (mu_s - mu_c) exp(-gamma |w| / v_f)] sgn w.
 
-    Symbols and their fields: R_b `radius` [m]. mu_s [1], mu_c [1] and gamma / v_f [s/rad] are the numbers `static`,
-    `kinetic` and `decay` of the default law `friction`.
+    T is the torque of the rock on the bit, W the weight on bit, w the speed of the bit and R_b the radius of the bit,
+    the field `radius` [m]. The static coefficient mu_s [1], the kinetic coefficient mu_c [1] and gamma / v_f [s/rad]
+    are the numbers `static`, `kinetic` and `decay` of the default friction law `friction`.
 
     - Needs the signals `bit.speed` w [rad/s] and `bit.weight` W [N] (default: the field `weight`).
     - Gives the signal `bit.torque` T [N m].

@@ -55,10 +55,10 @@ class Bristle(FrictionLaw):
 class Dahl(Bristle):
     """Dahl friction: a spring that yields, F = -N s z, z' = v - |v| s z / mu.
 
-    v is the slip speed [m/s], z the deflection of the spring [m], and N the load of the contact [N]. s is the field
-    `stiffness` [1/m], per unit of load, and mu the field `kinetic` [1]. From rest the force depends only on the
-    distance d: |F| = mu N (1 - exp(-s d / mu)). The break-away force is not higher than the kinetic friction mu N, so
-    this friction law does not cause stick-slip.
+    F is the friction force [N], v the slip speed [m/s], z the deflection of the spring [m], and N the load of the
+    contact [N]. s is the field `stiffness` [1/m], per unit of load, and mu the field `kinetic` [1]. From rest the force
+    depends only on the distance d: |F| = mu N (1 - exp(-s d / mu)). The break-away force is not higher than the kinetic
+    friction mu N, so this friction law does not cause stick-slip.
 
     Range of validity: any speed.
 
@@ -86,12 +86,14 @@ class Dahl(Bristle):
 
 @dataclass(frozen=True)
 class LuGre(Bristle):
-    """LuGre friction: a bristle that yields at the Stribeck curve g(|v|) = mu(|v|) of the friction law `steady`.
+    """LuGre friction: a bristle (spring) whose force is limited to the Stribeck curve g(|v|), the coefficient of
+    friction of the law `steady`.
 
         F = -N (s0 z + s1 z' + s2 v),   z' = v - s0 |v| z / g(|v|)
 
-    v is the slip speed [m/s], z the deflection of the bristle [m] and N the load of the contact [N]. s0, s1 and s2 are
-    the fields `stiffness` [1/m], `damping` [s/m] and `viscous` [s/m], per unit of load (1/rad and s/rad for rotation).
+    F is the friction force [N], v the slip speed [m/s], z the deflection of the bristle [m] and N the load of the
+    contact [N]. s0, s1 and s2 are the fields `stiffness` [1/m], `damping` [s/m] and `viscous` [s/m], per unit of load
+    (1/rad and s/rad for rotation).
 
     - At steady sliding |F| = N (g(|v|) + s2 |v|).
     - |s0 z| never exceeds the static coefficient if its start value is below the static coefficient.
@@ -122,10 +124,11 @@ class LuGre(Bristle):
 
 @dataclass(frozen=True)
 class Dankowicz(Bristle):
-    """Dankowicz friction, of asperities that bend by at most z_m: F = -N mu(|v|) z / z_m, z' = v - |v| z / z_m.
+    """Dankowicz friction, of asperities (peaks of rough surfaces) that bend by at most z_m: F = -N mu(|v|) z / z_m, z'
+    = v - |v| z / z_m.
 
-    v is the slip speed [m/s], z the bending of the asperities [m], and N the load of the contact [N]. z_m is the field
-    `presliding_displacement` [m] and mu the friction law `steady`.
+    F is the friction force [N], v the slip speed [m/s], z the bending of the asperities [m], and N the load of the
+    contact [N]. z_m is the field `presliding_displacement` [m] and mu the friction law `steady`.
 
     - The bending depends only on the distance d [m] that the surfaces have slipped, not on the speed. From rest in one
       direction it is z = z_m (1 - exp(-d / z_m)).

@@ -156,8 +156,9 @@ def slip_amplitude(block: BlockOnBelt) -> float:
     """Compute the amplitude A = 2 sqrt(v_b1^2 - v_b^2) / w_n of the oscillation without stick at the belt speed of the
     block, to first order.
 
-    v_b is the belt speed and w_n the natural frequency of the block. v_b0 and v_b1 are explained in `stick_slip_speed`.
-    Range: v_b0 < v_b < v_b1. Source: J. J. Thomsen, A. Fidlin (2003), as in `stick_slip_speed`.
+    v_b is the belt speed and w_n the natural frequency of the block. v_b1 is the Hopf speed, below which the block
+    oscillates, and v_b0 = sqrt(4/5) v_b1 the speed below which the block sticks and slips. Range: v_b0 < v_b < v_b1.
+    Source: J. J. Thomsen, A. Fidlin, Int. J. Non-Linear Mechanics 38 (2003) 389-403.
 
     Parameters
     ----------
@@ -244,8 +245,8 @@ def den_hartog_bound(block: BlockOnBelt, frequency: float) -> float:
     """Compute the largest ratio of friction to force, F / P, at which the motion of `den_hartog_amplitude` has no stops:
     sqrt(V^2 / (U^2 + 1 / r^4)).
 
-    The ratio is 0 at r = 1/3, 1/5, ... up to round-off. V, U and r are defined in `den_hartog_amplitude`. Source: J.
-    P. Den Hartog (1931).
+    Here V = 1 / (1 - r^2) and U = tan(pi / (2 r)) / r, with r = w / w_n and the natural frequency w_n of the block. The
+    ratio is 0 at r = 1/3, 1/5, ... up to round-off. Source: J. P. Den Hartog (1931).
 
     Parameters
     ----------

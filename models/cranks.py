@@ -42,8 +42,8 @@ class CrankSlider(Component):
 
     Symbols and their fields: J `inertia` [kg m2], m `mass` [kg], r `crank` [m], l `rod` [m], d `damping` [N m s/rad].
 
-    a is the angle of the crank and w its speed, x the position of the slider and F the friction at the guide. The input
-    is the torque T, `crank.torque` [N m].
+    a is the angle of the crank [rad], w its speed [rad/s], x the position of the slider [m] and F the friction at the
+    guide [N]. The input is the torque T, `crank.torque` [N m].
 
     At a dead centre p = 0, so the friction of the guide does not hold the crank there.
 
@@ -89,8 +89,8 @@ class ScotchYoke(Component):
 
     Symbols and their fields: J `inertia` [kg m2], m `mass` [kg], r `crank` [m], d `damping` [N m s/rad].
 
-    a is the angle of the crank and w its speed, x the position of the yoke and F the friction at the guide. The input
-    is the torque T, `crank.torque` [N m].
+    a is the angle of the crank [rad], w its speed [rad/s], x the position of the yoke [m] and F the friction at the
+    guide [N]. The input is the torque T, `crank.torque` [N m].
 
     J is the inertia of the crank shaft with damping d, m the mass of the yoke and r the length of the crank. At a dead
     centre p = 0, so the friction of the guide does not hold the crank there. The default values are examples without a

@@ -27,7 +27,8 @@ class DiscBrake(Component):
 
     Optional features (default None: off):
 
-    - `lag`: a first-order lag between the command and N. `BrakeActuator` is an actuator with limits.
+    - `lag` [s]: time constant of a first-order lag between the command and N. The part `BrakeActuator` is an actuator
+      with limits.
     - `wheel_radius` R [m]: the speed of the car, R w, replaces the speed of the disc as a state. A stop then begins
       with `start={"disc.car_speed": "30 km/h"}`.
     - `second_pad_friction`: a separate friction law for the second pad, so that each pad carries the load N. Both pads are
@@ -53,15 +54,15 @@ class DiscBrake(Component):
 
     Contacts: `pad` and, with a second friction law, `other_pad`. Both stick and break away together.
 
-    Range of validity: groan at low speed (below about 3 rad/s for the default values). Squeal (see `SquealingPad`) and
-    the heating of the pads are not modelled.
+    Range of validity: groan at low speed (below about 3 rad/s for the default values). Squeal and the heating of the
+    pads are not modelled; `SquealingPad` is a model of squeal.
 
     The default values are examples, not published values. They represent one wheel of a passenger car of 1600 kg on
     tyres of 0.3 m radius. A quarter of the mass acts as inertia on the disc. Pads and caliper have a natural frequency
     of 50 Hz. With exponential friction the pad loses its damping if 2 N (mu_s - mu_k) decay exp(-decay r w) > c.
 
-    This model is a reconstruction: the structure (disc and pad with a harmonic normal force) follows Balaram et al.,
-    whose full paper was not available.
+    This model is a reconstruction. Its structure (disc and pad with a harmonic normal force) is the structure of the
+    model of Balaram et al., whose full paper was not available.
 
     Examples
     --------

@@ -16,8 +16,8 @@ from toolbox.authoring import halved, number
 def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float:
     """Compute the mean coefficient of friction of a contact under fast dither.
 
-    The slip speed is v + B sin t. The result is the mean over a period, (1 / 2 pi) int mu(v + B sin t) dt, with the
-    sign of v.
+    The slip speed is v + B sin t, with the mean slip speed v. The result is the mean of the coefficient over a period,
+    (1 / 2 pi) int mu(v + B sin t) dt, with the sign of v.
 
     If the slip changes direction in every period, dry friction acts like viscous drag on the mean motion. For Coulomb
     friction the result is mu_k (2 / pi) arcsin(v / B) if |v| < B, else mu_k. The static friction does not influence the
@@ -83,12 +83,12 @@ class TangentialDither(NamedTuple):
 
 
 def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency: float, *, drag: float = 0.0) -> TangentialDither:
-    """Find the smallest dither in the direction of slip with which the mean friction does not fall with speed at the mean slip speed v.
+    """Find the smallest dither in the direction of slip that removes the fall of the mean friction with speed.
 
         N d mu_eff/dv (v; B) + drag >= 0,    mu_eff = averaged_friction(law, v, B),    force = 2 pi frequency B / A
 
-    B is the velocity amplitude of the dither. N is the load of the contact at rest and with the default inputs. A is
-    the acceleration of the slip per unit of force.
+    v is the mean slip speed and B the velocity amplitude of the dither. N is the load of the contact at rest and with
+    the default inputs. A is the acceleration of the slip per unit of force.
 
     - Constant kinetic friction needs no dither: B = 0.
     - For falling friction B is close to v, because the slip must change direction in every cycle.
@@ -106,7 +106,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     frequency
         Frequency of the dither [Hz], far above the frequencies to which the plant responds.
     drag
-        Viscous drag that acts in addition to the friction [force of the contact per unit of slip speed].
+        Viscous drag that acts in addition to the friction [force of the contact per unit of slip speed], by default 0.
 
     Returns
     -------

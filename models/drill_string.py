@@ -42,8 +42,8 @@ class TorsionalChain(Component):
 
     - `friction`: dry friction law at the inertias. The contact of inertia i is `chain.i`, i from 0, with the load
       `friction_load[i]`.
-    - `friction_load`: one load per inertia. If it has n-1 entries, the last inertia has no friction (use this if
-      `BitRock` acts there).
+    - `friction_load`: one normal load [N] per inertia. If it has n-1 entries, the last inertia has no friction (use
+      this if `BitRock` acts there).
     - `friction_at`: indices of the inertias that have friction, one index for each load. Inertias that are not listed
       have no friction.
     - `drag`: viscous drag c_i of every inertia, in addition to `top_drag` and `bit_drag`.

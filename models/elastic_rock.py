@@ -17,9 +17,10 @@ class ElasticRock(Component):
 
     Symbols and their fields: k `stiffness` [N/m], c `damping` [N s/m], a `lobe_height` [m], j `lobes`.
 
-    z is the depth of the bit below the mean surface of the rock, and phi is the angle of the bit. The mean surface is
-    at rest, so the hook speed is relative to the mean rate of penetration. Roller-cone bits leave a surface with j
-    lobes of height a. The lobes lift the bit once per lobe.
+    W is the weight on bit, d the depth by which the bit presses into the rock, z the depth of the bit below the mean
+    surface of the rock, and phi the angle of the bit. The mean surface is at rest, so the hook speed is relative to the
+    mean rate of penetration. Roller-cone bits leave a surface with j lobes of height a. The lobes lift the bit once per
+    lobe.
 
     - Needs the signals `bit.axial_speed` [m/s], positive downwards, and, with lobes, `bit.speed` [rad/s].
     - Gives the signals `bit.weight` W [N], the state `bit.position` z [m] and, with lobes, the state `bit.angle` phi

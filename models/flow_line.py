@@ -25,8 +25,8 @@ class FlowLine(Component):
 
         C_i p_i' = Q_(i-1) - Q_i,     L_i Q_i' = p_i - p_(i+1) - R_i Q_i - K_i Q_i |Q_i| - F_i
 
-    p_i is the pressure at the head of segment i and Q_i the flow through it. Q_0 is the flow into the line, and p_(n+1)
-    is the pressure at the outlet. n segments have 2 n states, `line.pressure` [Pa] and `line.flow` [m3/s].
+    p_i is the pressure at the inlet of segment i and Q_i the flow through it. Q_0 is the flow into the line, and
+    p_(n+1) is the pressure at the outlet. n segments have 2 n states, `line.pressure` [Pa] and `line.flow` [m3/s].
 
     - Needs the signals `line.inlet_flow` Q_0 [m3/s] (default 0) and `line.outlet_pressure` p_(n+1) [Pa] (default 0).
     - Gives the signals `line.inlet_pressure` p_1 [Pa] and `line.outlet_flow` Q_n [m3/s].
@@ -35,12 +35,12 @@ class FlowLine(Component):
     [m3/Pa], with one entry per segment. The loss of a nozzle at the end is part of the last K
     (`models.flow_line.nozzle_loss`).
 
-    `gel` adds the yield pressure F_i of a fluid that gels at rest: |F_i| <= load_i static at rest and load_i
-    sliding(|Q_i|) in flow. The contact of segment i is `line.i` (i from 0). load_i is `gel_pressure` [Pa] of the
-    segment. For a round pipe it is 4 tau l / d, from the balance of forces at the wall. The gel has its full strength
-    again as soon as the flow stops. A line of a single segment begins to flow at the full strength of its gel. A line
-    of many segments begins to flow segment by segment from the pump on, at a lower pressure (see
-    `studies/questions/networks.py`).
+    `gel` adds the yield pressure F_i of a fluid that gels at rest: |F_i| <= load_i static at rest, and |F_i| = load_i
+    sliding(|Q_i|) in flow, with the numbers of the friction law `gel`. The contact of segment i is `line.i` (i from 0).
+    load_i is `gel_pressure` [Pa] of the segment. For a round pipe of length l and diameter d it is 4 tau l / d, with
+    the yield stress tau at the wall. The gel has its full strength again as soon as the flow stops. A line of a single
+    segment begins to flow at the full strength of its gel. A line of many segments begins to flow segment by segment
+    from the pump on, at a lower pressure (see `studies/questions/networks.py`).
 
     Range of validity: one-dimensional flow, laminar if R is the resistance of Poiseuille; waves that are about ten
     segments long or longer. Pressures are relative to the surroundings. The default values are examples without a

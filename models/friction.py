@@ -61,15 +61,15 @@ class Coulomb(_Falling):
 
 @dataclass(frozen=True)
 class Exponential(_Falling):
-    """Friction that decays exponentially with speed: mu(v) = kinetic + (static - kinetic) exp(-decay |v|).
+    """Friction that decays exponentially with the slip speed v: mu(v) = kinetic + (static - kinetic) exp(-decay |v|).
 
     Special cases:
 
     - The bit law of Navarro-Lopez and Cortes (2007): static 0.8, kinetic 0.5, decay = gamma / v_f = 0.9 s/rad.
     - The law of Larsson and Farhang (2016) for two disks: decay = alpha.
 
-    Range of validity: decay >= 0. With decay 0 friction is constant, and with a very large decay it drops almost at
-    once.
+    Range of validity: decay >= 0. With decay 0 the friction is constant (`static`). With a very large decay it drops to
+    `kinetic` at a very low speed.
 
     Examples
     --------
@@ -157,8 +157,8 @@ class StepFriction(_Falling):
 class GaussianStribeck(_Falling):
     """Stribeck friction as used in control engineering: mu(v) = kinetic + (static - kinetic) exp(-(v / stribeck_speed)^2).
 
-    The slope is zero at rest. It is steepest at stribeck_speed / sqrt(2), where mu' = -sqrt(2 / e) (static - kinetic) / stribeck_speed.
-    Model viscous friction in the moving part (`drag` of a `BlockOnBelt`).
+    v is the slip speed. The slope is zero at rest and steepest at stribeck_speed / sqrt(2), where mu' = -sqrt(2 / e)
+    (static - kinetic) / stribeck_speed. Model viscous friction in the moving part (`drag` of a `BlockOnBelt`).
 
     Range of validity: any speed.
 
@@ -251,7 +251,7 @@ class Tabulated(_Static):
 
 @dataclass(frozen=True)
 class Hyperbolic(_Static):
-    """Friction that falls as a hyperbola: F(v) = static / (1 + decay |v|).
+    """Friction that falls as a hyperbola with the slip speed v: mu(v) = static / (1 + decay |v|).
 
     Leine et al. (1998) use static = 1 N and decay = 3 s/m. With these values the law is a force, and the load of the
     contact is 1.
@@ -343,9 +343,11 @@ class Viscous(FrictionLaw):
 
 @dataclass(frozen=True)
 class TwoWay(FrictionLaw):
-    """Friction with different laws forwards (slip > 0) and backwards, such as a lip seal, a brush, a worm gear or a leading brake shoe.
+    """Friction with two laws, `forward` for slip > 0 and `backward` for slip < 0, such as a lip seal, a brush, a worm
+    gear or a leading brake shoe.
 
-    At rest the force may have any value from -forward.breakaway() to +backward.breakaway() times the load.
+    At rest the force may have any value from -mu_f N to mu_b N, with the static coefficients mu_f and mu_b of the two
+    laws and the load N.
 
     Source: textbook.
 

@@ -28,9 +28,10 @@ class GearStage(Component):
     The inputs are the torques T1 and T2, `input.torque` and `output.torque` [N m]. The friction of the teeth is
     proportional to the transmitted torque tau, with a coefficient mu from a table over the speed w1.
 
-    a1 and a2 are the angles, w1 and w2 the speeds of the driving and the driven shaft, and i is the field `ratio` [1].
-    Symbols and their fields: J1 `driving_inertia` and J2 `driven_inertia` [kg m2], k `stiffness` [N m/rad], c `damping`
-    [N m s/rad], mu table `losses`, M_bearing friction law `bearing`. The default values are examples without a source.
+    a1 and a2 are the angles [rad], w1 and w2 the speeds [rad/s] of the driving and the driven shaft, and i is the field
+    `ratio` [1]. Symbols and their fields: J1 `driving_inertia` and J2 `driven_inertia` [kg m2], k `stiffness` [N
+    m/rad], c `damping` [N m s/rad], mu table `losses`, M_bearing friction law `bearing`. The default values are
+    examples without a source.
 
     Source of the equations: lossy gear of C. Pelchen, C. Schweiger, M. Otter, 2nd Modelica Conference, 2002, with the
     loss at one side.

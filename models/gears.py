@@ -344,7 +344,8 @@ class GearNetwork(Component):
         speeds
             {node: imposed speed [rad/s]}, one for each degree of freedom.
         torques
-            {node: external torque [N m]} on nodes without an imposed speed. 0 for nodes that are left out.
+            {node: external torque [N m]} on nodes without an imposed speed. 0 for nodes that are left out, by default
+            for all.
 
         Returns
         -------

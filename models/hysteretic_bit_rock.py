@@ -72,8 +72,9 @@ class HystereticBitRock(Component):
     The law mu of Navarro-Lopez and Cortes (2007) is the basis of both forms. Unlike the smooth law of
     `SmoothHystereticBitRock`, this law sticks. The rate form follows the hysteretic law of F. F. Real et al. (2018).
 
-    This model is a reconstruction, in place of the hysteretic dry friction of Hong and Dhupia. beta0 and beta1 are
-    assumed. Range of validity: beta0 <= 1. With beta0 > 1 the lower branch would drive the bit.
+    This model is a reconstruction of the hysteretic dry friction of Hong and Dhupia, whose equations were not
+    available. The values of beta0 and beta1 are assumptions. Range of validity: beta0 <= 1. With beta0 > 1 the lower
+    branch would drive the bit.
 
     Examples
     --------
@@ -129,11 +130,16 @@ class SmoothHystereticBitRock(SmoothBitRock):
         switched form:  T = T0(w) (1 + beta0) while the bit speeds up, T0(w) (1 - beta0) while it slows down,
                         any value between these two at w' = 0
 
-    T0 is the torque of `SmoothBitRock`. beta0 and beta1 are the fields `hysteresis_fraction` [1] and
-    `hysteresis_steepness` [s2/rad]. The rate form is used if beta1 is given, otherwise the switched form. The signals
-    are the same as for `HystereticBitRock`. There is no contact, so the bit never sticks.
+    T0 = W b0 [tanh(b1 w) + b2 w / (1 + b3 w^2)] is the torque of `SmoothBitRock`, with the weight on bit W and the
+    speed w of the bit. M is the torque of the string on the bit and J the inertia of the bit. beta0 and beta1 are the
+    fields `hysteresis_fraction` [1] and `hysteresis_steepness` [s2/rad]. The rate form is used if beta1 is given,
+    otherwise the switched form. There is no contact, so the bit never sticks.
 
-    beta0 and beta1 are assumed. Range of validity: as for `SmoothBitRock`, with beta0 <= 1.
+    - Needs the signals `bit.speed` w [rad/s], `bit.free_acceleration` M/J [rad/s2], `bit.inertia` J [kg m2] and
+      `bit.weight` W [N] (default: the field `weight`).
+    - Gives the signal `bit.torque` T [N m].
+
+    The values of beta0 and beta1 are assumptions. Range of validity: |w| up to about 30 rad/s, and beta0 <= 1.
 
     Source: F. F. Real et al. (2018) (law and b0 .. b3).
 

@@ -31,12 +31,13 @@ class WhirlingCollar(Component):
         k_l = E I_a pi^4/(2 L^3) - T pi^3/(2 L^2) - W pi^2/(2 L)
         N unilateral contact force with closure r - gap;   F dry friction with load N and slip speed R_co phi' + r theta'
 
-    (y, z) is the geometric centre, r and theta are its polar coordinates. (y, z) is zero at rest in the middle of the
-    borehole. N is the force of the wall [N], nonzero only for r >= gap. gap is half of `hole_diameter` -
-    `outer_diameter` [m]. m is the modal mass [kg], k_l the lateral stiffness [N/m], E I_a the bending stiffness of the
-    pipe [N m2] and c_h the drag of the mud [N s2/m2], all from the fields. Symbols and their fields: e `eccentricity`
-    [m], R_co half of `outer_diameter` [m], L `span` [m], E `young` [Pa]. M is the resulting reaction torque on the
-    string.
+    (y, z) is the geometric centre of the collar [m], (y_c, z_c) its mass centre, phi the angle of rotation of the
+    collar, and r and theta are the polar coordinates of (y, z). (y, z) is zero at rest in the middle of the borehole. W
+    is the weight on bit, T the torque on bit, and v the velocity (y', z'). N is the force of the wall [N], nonzero only
+    for r >= gap. gap is half of `hole_diameter` - `outer_diameter` [m]. m is the modal mass [kg], k_l the lateral
+    stiffness [N/m], E I_a the bending stiffness of the pipe [N m2] and c_h the drag of the mud [N s2/m2]. They are
+    computed from the fields. Symbols and their fields: e `eccentricity` [m], R_co half of `outer_diameter` [m], L
+    `span` [m], E `young` [Pa]. M is the resulting reaction torque on the string.
 
     Connect the collar to a `TorsionalChain` with `collar_index=` set.
 
@@ -51,9 +52,9 @@ class WhirlingCollar(Component):
 
     Range of validity: one bending mode. If the weight on bit makes k_l negative, the collar lies on the wall.
 
-    This model is a reconstruction. It replaces the torsional-lateral string of Hong and Dhupia, of which only the
-    abstract was available. Equations and numbers were published at UFRJ, Rio de Janeiro (wall 1e9 to 1e10 N/m and 0 to
-    1000 N s/m). The rigid wall with restitution is an addition of this toolbox.
+    This model is a reconstruction of the torsional-lateral string of Hong and Dhupia, of which only the abstract was
+    available. Equations and numbers are taken from publications of UFRJ, Rio de Janeiro (stiffness of the wall 1e9 to
+    1e10 N/m, damping 0 to 1000 N s/m). The rigid wall with restitution is an addition of this toolbox.
 
     Examples
     --------
@@ -133,30 +134,59 @@ class WhirlingCollar(Component):
         return torque * np.pi**3 / (2 * self.span**2) + weight * np.pi**2 / (2 * self.span)
 
     def stiffness(self, weight: float = 0.0, torque: float = 0.0) -> Any:
-        """Return the lateral stiffness k_l [N/m] under a weight on bit [N] and a torque on bit [N m]."""
+        """Return the lateral stiffness k_l [N/m] under a weight on bit [N] and a torque on bit [N m].
+
+        Parameters
+        ----------
+        weight
+            Weight on bit [N], by default 0.
+        torque
+            Torque on bit [N m], by default 0.
+        """
         return self.bending_stiffness - self.softening(weight, torque)
 
     def synchronous_radius(self, speed: float, weight: float = 0.0, torque: float = 0.0) -> float:
         """Compute the radius of forward synchronous whirl, m e w^2/|k_l - m w^2| [m], at a speed of rotation w [rad/s].
 
-        Mud drag and wall contact are neglected.
+        k_l is the lateral stiffness under weight and torque, m the modal mass and e the eccentricity. Mud drag and wall
+        contact are neglected.
+
+        Parameters
+        ----------
+        speed
+            Speed of rotation w of the collar [rad/s].
+        weight
+            Weight on bit [N], by default 0.
+        torque
+            Torque on bit [N m], by default 0.
         """
         return self.modal_mass * self.eccentricity * speed**2 / abs(self.stiffness(weight, torque) - self.modal_mass * speed**2)
 
     def contact_speed(self, weight: float = 0.0, torque: float = 0.0) -> float:
         """Compute the lowest speed at which steady synchronous whirl reaches the wall, sqrt(k_l/m gap/(gap + e)) [rad/s].
 
+        k_l is the lateral stiffness under weight and torque, m the modal mass, e the eccentricity and gap the radial clearance.
         Mud drag is neglected.
+
+        Parameters
+        ----------
+        weight
+            Weight on bit [N], by default 0.
+        torque
+            Torque on bit [N m], by default 0.
         """
         return float(np.sqrt(self.stiffness(weight, torque) / self.modal_mass * self.gap / (self.gap + self.eccentricity)))
 
     def rolling_ratio(self) -> float:
-        """Return the ratio theta'/phi' = -R_co/gap [1] of pure rolling, which is backward whirl without slip on the wall."""
+        """Return the whirl ratio theta'/phi' = -R_co/gap [1] of backward whirl in which the collar rolls along the wall
+        without slip.
+        """
         return -self.outer_radius / self.gap
 
     def rolling_speed(self, weight: float = 0.0, torque: float = 0.0, friction: float | None = None) -> float:
-        """Compute the lowest steady speed at which backward rolling along a rigid wall persists. inf if friction is too
-        low for rolling at every speed.
+        """Compute the lowest steady speed of rotation at which a collar keeps rolling backward along a rigid wall.
+
+        The result is inf if friction is too low for rolling at every speed.
 
             w^2 = mu k_l gap/(mu m R_co^2/gap - m e sqrt(1 + mu^2) - c_h R_co^2)
 
@@ -167,7 +197,7 @@ class WhirlingCollar(Component):
         Parameters
         ----------
         weight, torque
-            Weight on bit [N] and torque on bit [N m], which reduce the stiffness k_l.
+            Weight on bit [N] and torque on bit [N m], which reduce the stiffness k_l, by default 0.
         friction
             Coefficient of friction mu. By default the static coefficient of the friction law.
 
@@ -221,11 +251,11 @@ class WhirlingCollar(Component):
 
 
 def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None, name: str = "collar") -> float:
-    """Measure the revolutions of a collar's centre around the borehole per revolution of the collar, theta'/phi', over a
-    window.
+    """Measure the whirl ratio theta'/phi': revolutions of the centre of a collar around the borehole per revolution of
+    the collar.
 
-    The ratio is 1 in forward synchronous whirl and -R_co/gap while the collar rolls backward along the wall. A
-    passage through the middle of the hole counts as half a revolution, in either direction.
+    The ratio is 1 in forward synchronous whirl and -R_co/gap while the collar rolls backward along the wall. If the
+    centre passes through the middle of the borehole, this counts as half a revolution, in either direction.
 
     Parameters
     ----------
@@ -234,7 +264,7 @@ def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None,
     after, until
         Begin and end of the window [s]. By default the whole run.
     name
-        Name of the collar.
+        Name of the collar, by default "collar".
 
     Returns
     -------

@@ -16,8 +16,8 @@ class RateAndState(FrictionLaw):
         ageing:  theta' = 1 - v theta / D_c            psi' = (v_0 exp(-psi) - v) / D_c
         slip:    theta' = -(v theta / D_c) ln(v theta / D_c)    psi' = -(v / D_c) (ln(v / v_0) + psi)
 
-    theta is the age of the contacts and v the slip speed. If the speed changes suddenly by a factor r, mu changes by a
-    ln r at once and by -b ln r over the distance D_c.
+    mu is the coefficient of friction, theta the age of the contacts [s] and v the slip speed [m/s]. If the speed
+    changes suddenly by a factor r, mu changes by a ln r at once and by -b ln r over the distance D_c.
 
     Steady friction is mu_0 + (a - b) ln(v / v_0). It falls with the speed if b > a. Sliding of a mass m on a spring of
     stiffness k is then stable if k > N (b - a) / D_c (1 + m v^2 / (N a D_c)).

@@ -30,7 +30,7 @@ MATERIALS = {
 
 @dataclass(frozen=True)
 class ToolJoint(Renamed):
-    """Tool joints of a pipe: the thicker ends, one pair of box and pin for every joint of pipe.
+    """Tool joints of a drill pipe: the thicker ends (box and pin) by which two joints of pipe are screwed together.
 
     Parameters
     ----------
@@ -80,8 +80,10 @@ class Section(Renamed):
 
         A = pi (OD^2 - ID^2) / 4,   J = pi (OD^4 - ID^4) / 32,   c = sqrt(G / rho),   zeta = J sqrt(G rho)
 
-    With tool joints, which are a fraction q of the length, the values are averages for waves much longer than a joint
-    of pipe: masses and inertias in parallel, compliances in series. Only the tool joints touch the borehole.
+    A is the cross-sectional area, J the polar second moment of area, c the speed of torsional waves and zeta their
+    impedance. OD and ID are outer and inner diameter. With tool joints, which are a fraction q of the length, A,
+    inertia and torsional compliance are averages, for waves much longer than a joint of pipe. Only the tool joints
+    touch the borehole.
 
         A = (1 - q) A_pipe + q A_joint,   rho J = rho ((1 - q) J_pipe + q J_joint),   1 / G J = ((1 - q) / J_pipe + q / J_joint) / G
 
@@ -97,7 +99,7 @@ class Section(Renamed):
         "23.5 lb/ft" or "23.5 ppf". By default it follows from the diameters. If the given mass is larger than the mass
         that follows from the diameters, the difference is assumed to rotate at the same radius of gyration.
     tool_joint
-        Tool joints of the section, a `ToolJoint`. By default none.
+        Tool joints of the section, a `ToolJoint`. By default None: a pipe without tool joints.
 
     Raises
     ------
@@ -179,8 +181,14 @@ class Section(Renamed):
         return (self.outer if self.tool_joint is None else max(self.outer, self.tool_joint.outer)) / 2
 
     def weight(self, mud_density: float = 0.0) -> float:
-        """Return the weight per length (rho - rho_mud) g A [N/m] with mud inside and outside of the pipe, g = 9.80665
-        m/s2. The default density [kg/m3] is 0.
+        """Return the weight per length (rho - rho_mud) g A [N/m] with mud inside and outside of the pipe.
+
+        rho is the density of the pipe, A its cross-sectional area and g = 9.80665 m/s2.
+
+        Parameters
+        ----------
+        mud_density
+            Density of the mud rho_mud [kg/m3], by default 0 (no mud).
         """
         metal = self.area if self.mass_per_length is None else self.mass_per_length / self.density
         return (self.density - mud_density) * 9.80665 * metal

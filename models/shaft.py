@@ -35,7 +35,7 @@ def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: f
     count
         Number of frequencies.
     top_inertia, bit_inertia
-        Inertias at the ends [kg m2]. An infinite inertia is a clamped end.
+        Inertias at the ends [kg m2], by default 0. An infinite inertia is a clamped end.
 
     Returns
     -------

@@ -25,7 +25,7 @@ class Slider(Component):
 
     The default spring and damper are taken from a published finite-element study of a slider on a plate (10 N/mm, 5 N
     s/mm). The default mass is an assumption: a steel cube of 10 mm. With these values c / m = 6e5 1/s, so the model is
-    stiff: an explicit method takes about 2e5 steps per second of slip.
+    stiff: an explicit method needs about 2e5 steps for each second of slip.
 
     Examples
     --------
@@ -59,9 +59,9 @@ class PlateContact(Component):
     - Gives the signal `plate.drag` [N], the force on the slider.
     - Contact: `plate`.
 
-    The default friction is taken from the published finite-element study that gives the default values of `Slider`:
-    0.35, falling to 0.25 with 0.001 s/mm, under a pressure of 0.1 MPa. The study does not give the area. An area of 10
-    mm x 10 mm is assumed, so the load is 10 N.
+    The default friction is taken from a published finite-element study: 0.35, falling to 0.25 with 0.001 s/mm, under a
+    pressure of 0.1 MPa. The same study gives spring and damper of `Slider`. The study does not give the area. An area
+    of 10 mm x 10 mm is assumed, so the load is 10 N.
 
     Examples
     --------

@@ -16,8 +16,9 @@ class SmoothBitRock(Component):
     - Needs the signals `bit.speed` w [rad/s] and `bit.weight` W [N] (default: the field `weight`).
     - Gives the signal `bit.torque` T [N m].
 
-    The numbers b0, b1, b2 and b3 are the fields `torque_per_weight` [m], `zero_speed_steepness` [s/rad], `peak_height`
-    [s/rad] and `peak_narrowness` [s2/rad2].
+    T is the torque of the rock on the bit, W the weight on bit and w the speed of the bit. The numbers b0, b1, b2 and
+    b3 are the fields `torque_per_weight` [m], `zero_speed_steepness` [s/rad], `peak_height` [s/rad] and
+    `peak_narrowness` [s2/rad2].
 
     There is no contact: this bit creeps and never sticks. Use it for comparisons with published runs, not for questions
     about break-away. T rises to a peak near w = 1/sqrt(b3) and then falls to W b0.

@@ -11,7 +11,7 @@ import numpy as np
 
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
-from toolbox.authoring import columns, entries, number
+from toolbox.authoring import check_fields, columns, entries, number
 from toolbox.modelling import Quantities
 
 
@@ -89,14 +89,21 @@ class SquealingPad(Component):
         )
 
     def flutter_friction(self) -> float:
-        """Compute the coefficient of friction above which steady sliding is unstable by flutter. inf if sliding in this
-        direction of the disc is always stable.
+        """Compute the coefficient of friction above which steady sliding is unstable by flutter.
+
+        The result is inf if sliding in this direction of the disc is stable for every coefficient.
 
             mu = [(k_xx - k_yy)^2 + 4 k_xy^2 + 2 (c^2 / m) (k_xx + k_yy)] / (4 |k_xy| k_c)
 
         The friction is constant. At the coefficient mu the frequencies of both modes become equal. The damping is equal
         in both directions and increases the coefficient.
+
+        Raises
+        ------
+        SceneError
+            If a number of the pad is out of its bounds, such as a negative stiffness.
         """
+        check_fields(self)
         k_xx, k_xy, k_yy = self._stiffness()
         coupling = float(k_xy) * math.copysign(1.0, self.disc_speed)
         if self.disc_speed == 0 or self.contact_stiffness == 0 or coupling <= 1e-12 * (k_xx + k_yy):  # cos 90 deg is not quite 0
@@ -127,7 +134,7 @@ class SquealingPad(Component):
         Raises
         ------
         SceneError
-            If a coefficient is negative or not finite.
+            If a coefficient is negative or not finite, or a number of the pad is out of its bounds.
 
         Examples
         --------
@@ -138,6 +145,7 @@ class SquealingPad(Component):
         0.9            0.2262       -0.2324       0.2262       0.08236  squeals
         Flutter from a friction of 0.7837 on
         """
+        check_fields(self)
         mu = np.array([number("frictions", each, at_least=0) for each in np.ravel(frictions)])
         k_xx, k_xy, k_yy = (float(each) for each in self._stiffness())
         drawn = mu * self.contact_stiffness * math.copysign(1.0, self.disc_speed)

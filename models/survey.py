@@ -68,7 +68,13 @@ class Survey:
             raise SceneError(f"Argument `{fault[1]}` of Survey, station {fault[0] + 1}: {fault[2]}")
 
     def tangent(self, s: np.ndarray) -> np.ndarray:
-        """Return the unit vectors along the borehole at measured depths `s` [m], pointing downhole, shape (len(s), 3) (north, east, down)."""
+        """Return the unit vectors along the borehole at measured depths `s` [m], pointing downhole, shape (len(s), 3) (north, east, down).
+
+        Parameters
+        ----------
+        s
+            Measured depths [m], shape (n,).
+        """
         _, first, last, angle, part = self._arcs(s)
         straight = angle < 1e-9  # sin ratios lose nothing down to there, and equal the linear ones
         safe = np.where(straight, 1.0, angle)
@@ -80,6 +86,11 @@ class Survey:
         """Return the curvature vectors dt/ds [1/m] at measured depths `s` [m], towards the centre of the arc, shape (len(s), 3).
 
         t is the unit vector of `tangent`. The length of a curvature vector is the dogleg severity in rad/m.
+
+        Parameters
+        ----------
+        s
+            Measured depths [m], shape (n,).
         """
         i, first, last, angle, part = self._arcs(s)
         step = np.diff(self.depth)[i]
@@ -90,12 +101,24 @@ class Survey:
         return (left[:, None] * first + right[:, None] * last) / step[:, None]
 
     def inclination_at(self, s: np.ndarray) -> np.ndarray:
-        """Return the inclination from the vertical [rad] at measured depths `s` [m], shape (len(s),)."""
+        """Return the inclination from the vertical [rad] at measured depths `s` [m], shape (len(s),).
+
+        Parameters
+        ----------
+        s
+            Measured depths [m], shape (n,).
+        """
         t = self.tangent(s)
         return np.arctan2(np.hypot(t[:, 0], t[:, 1]), t[:, 2])
 
     def position(self, s: np.ndarray) -> np.ndarray:
-        """Return the coordinates (north, east, down) [m] of the borehole at measured depths `s` [m], from its top, shape (len(s), 3)."""
+        """Return the coordinates (north, east, down) [m] of the borehole at measured depths `s` [m], from its top, shape (len(s), 3).
+
+        Parameters
+        ----------
+        s
+            Measured depths [m], shape (n,).
+        """
         s = np.atleast_1d(np.asarray(s, float))
         stations = np.asarray(self.depth)
         whole = np.vstack([np.zeros(3), np.cumsum(self._chord(stations[:-1], stations[1:]), axis=0)])

@@ -25,7 +25,8 @@ from toolbox.modelling import OptionalQuantities
 class DrillString(TorsionalChain):
     """Torsional chain of a drill string from tables of its sections and its survey.
 
-    `DrillString.from_tables` makes such a chain. `depth` holds the measured depths of its inertias [m].
+    The method `DrillString.from_tables` makes such a chain, and then the field `depth` contains the measured depths of
+    its inertias [m]. Without tables, as in the example, it is a `TorsionalChain` with default values.
 
     Examples
     --------
@@ -68,52 +69,56 @@ class DrillString(TorsionalChain):
 
             J rho w_t + tau_x = -drag_rate rho J w - F,   |F| <= mu n r_o
 
-        w is the speed of rotation, tau the torque and F the friction per length. n is the side force per length, and
-        r_o = OD / 2 of the tool joint or the pipe.
+        w is the speed of rotation, tau the torque, rho J the inertia per length, F the friction torque per length, mu
+        the coefficient of friction, n the side force per length, and r_o the outer radius of the tool joints, or of a
+        pipe without tool joints.
 
         Parameters
         ----------
         sections, survey
-            Paths of tables (see `read_sections`, `read_survey`), or a sequence of `Section` and a `Survey`.
+            Sections of the string and survey of its borehole: paths of tables (CSV or TOML), or a sequence of `Section`
+            and a `Survey`. By default no survey: a string without friction along it. `read_sections` and `read_survey`
+            describe the columns of the tables.
         top_inertia
             Inertia of the rigid rotating parts at the top, seen from the string: motor and gears [kg m2].
         bit_inertia
-            Rigid inertia at the bit [kg m2].
+            Rigid inertia at the bit [kg m2], by default 0.
         band
-            Frequency [Hz] up to which natural frequencies are accurate to 1 %. The number of elements follows from it
-            (see `models.lumping`). Friction along the string may need more elements than the vibration of the whole
-            string: `python -m studies detail` prints the influence and the cost of more elements.
+            Frequency [Hz] up to which natural frequencies are accurate to 1 %, by default 2. The number of elements
+            follows from this frequency. Friction along the string may need more elements than the vibration of the
+            whole string: `python -m studies detail` prints the influence and the cost of more elements.
         elements
-            Number of elements, in place of the band. The number of inertias is larger by one.
+            Number of elements. By default None: the number follows from the band. The number of inertias is larger by
+            one.
         friction
-            Friction law of the string in its borehole, with coefficients mu. Only inertias with a side force get a
-            contact.
+            Friction law between string and borehole, such as `Coulomb(static=0.35, kinetic=0.25)`. By default None: no
+            friction. Only inertias with a side force get a contact.
         on_bottom
-            Whether the last inertia is left to the rock (`BitRock`), as in a string that drills. The inertia above it
-            then gets its share of the friction.
+            Whether the bit is on bottom, so that rock acts on the last inertia and friction along the string does not,
+            by default False. The inertia above the last one then gets its share of the friction.
         mud_density
-            Density of the mud for buoyancy [kg/m3]; 0 for none.
+            Density of the mud for buoyancy [kg/m3], by default 0 (no mud).
         doglegs
-            Whether the side force n includes the effect of the tension in curved parts of the borehole (Johancsik).
-            Otherwise n = w sin(inc), with the weight per length w.
+            Whether the side force n includes the effect of the tension in curved parts of the borehole (Johancsik), by
+            default False. Otherwise n = w sin(inc), with the weight per length w.
         weight_on_bit
-            Weight on bit [N], which reduces the tension that `doglegs` uses.
+            Weight on bit [N], which reduces the tension that `doglegs` uses, by default 0.
         drag_rate
-            Viscous drag per inertia of the string [1/s].
+            Viscous drag per inertia of the string [1/s], by default 0.
         internal_damping
-            Damping of the springs per stiffness [s].
+            Damping of the springs per stiffness [s], by default 0.
         top_drag, bit_drag
-            Drag at the ends [N m s/rad].
+            Drag at the ends [N m s/rad], by default 0.
         end_depth
             Measured depth at which the string ends [m]. The length of the first section, the drill pipe, is changed to
-            fit. The sections below it keep their length.
+            fit, and the sections below it keep their length. By default None: all sections keep their length.
         friction_factors
             Kinetic coefficients of friction over depth, in place of the coefficient of `friction`: pairs (depth,
-            coefficient) from the top. Each coefficient holds down to its measured depth [m], the last one to the end of
-            the string. For a casing above an open hole: `[["2200 m", 0.2], ["3800 m", 0.3]]`. The static coefficient
-            keeps its ratio to the kinetic coefficient.
+            coefficient) from the top. By default None: the same coefficient at every depth. Each coefficient holds down
+            to its measured depth [m], the last one to the end of the string. For a casing above an open hole: `[["2200
+            m", 0.2], ["3800 m", 0.3]]`. The static coefficient keeps its ratio to the kinetic coefficient.
         name
-            Name of the part, needed if a plant has two chains.
+            Name of the part, needed if a plant has two chains. By default None: the name "chain".
 
         Returns
         -------

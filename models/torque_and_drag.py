@@ -31,9 +31,8 @@ STEP = 5.0
 
 @dataclass(frozen=True)
 class TorqueDrag(Result):
-    """Tension and torque along a drill string in its borehole, from the top down.
-
-    `plot()` draws them.
+    """Tension and torque along a drill string in its borehole, from the top down: the result of `torque_drag`. The
+    method `plot` draws both.
 
     Attributes
     ----------
@@ -125,9 +124,10 @@ class TorqueDrag(Result):
         Parameters
         ----------
         label
-            Name of the motion of the string, for the legend.
+            Name of the motion of the string, for the legend, by default empty.
         axes
-            The two axes of an earlier figure, to which another motion of the same string is added.
+            The two axes of an earlier figure, to which another motion of the same string is added. By default None: a
+            new figure.
 
         Returns
         -------
@@ -179,8 +179,9 @@ def torque_drag(
     bit_torque: Annotated[NumberOrText, "N m"] = 0.0,
     overpull: Annotated[NumberOrText, "N"] = 0.0,
 ) -> TorqueDrag:
-    """Compute torque and drag of a string that moves in its borehole, or of the part of it that moves under a given load
-    at the top.
+    """Compute torque and drag of a drill string that moves in its borehole.
+
+    Under a given load at the top, only the upper part of the string may move.
 
     Parameters
     ----------
@@ -193,21 +194,21 @@ def torque_drag(
         the top, if it differs over depth: each factor holds down to its measured depth [m]. The last depth must reach
         the end of the string: `[("2200 m", 0.2), ("3800 m", 0.3)]` for a casing above an open hole.
     axial_speed
-        Speed along the borehole [m/s], positive downwards, negative while the string is pulled.
+        Speed along the borehole [m/s], positive downwards, negative while the string is pulled, by default 0.
     turning_speed
-        Speed of rotation [rad/s]. Only the ratio of both speeds matters.
+        Speed of rotation [rad/s], by default 0. Only the ratio of both speeds matters.
     load_at_top
         Hook load [N], or torque [N m] for rotation, that acts at the top of a string that was at rest before and either
         slides or rotates. If this load is too small to move the whole string, only the part above some depth moves. By
         default the whole string moves.
     mud_density
-        Density of the mud for buoyancy [kg/m3].
+        Density of the mud for buoyancy [kg/m3], by default 0.
     weight_on_bit
-        Weight on bit [N].
+        Weight on bit [N], by default 0.
     bit_torque
-        Torque on bit [N m], if the whole string turns.
+        Torque on bit [N m], if the whole string turns, by default 0.
     overpull
-        Tension at the bit of a string that is stuck there and pulled [N].
+        Tension at the bit of a string that is stuck there and pulled [N], by default 0.
 
     Returns
     -------
@@ -373,8 +374,8 @@ def _stepped(slope: Callable[[int, int, float], tuple[float, float]], k: int, pu
 class TorqueDragOperations(Result):
     """Torque and drag of one string in the usual operations of a rig.
 
-    `torque_drag_operations` returns it. With the result `found`, `found["picking up"]` is the `TorqueDrag` of the
-    operation "picking up".
+    The function `torque_drag_operations` returns such a result. With the name `found` for it, `found["picking up"]` is
+    the `TorqueDrag` of the operation "picking up".
 
     Attributes
     ----------
@@ -496,17 +497,19 @@ def torque_drag_operations(
     survey
         Survey of the borehole, or the path of a table that `read_survey` reads.
     friction
-        Friction factor between string and borehole [1], or pairs (depth, factor) from the top, as for `torque_drag`.
+        Friction factor: coefficient of friction between string and borehole [1], >= 0. Or pairs (depth, factor) from
+        the top: each factor holds down to its measured depth [m], and the last depth must reach the end of the string.
     mud_density
-        Density of the mud for buoyancy [kg/m3].
+        Density of the mud for buoyancy [kg/m3], by default 0.
     weight_on_bit
-        Weight on bit on bottom [N].
+        Weight on bit on bottom [N], by default 0.
     bit_torque
-        Torque on bit on bottom [N m].
+        Torque on bit on bottom [N m], by default 0.
     overpull
-        Tension at a stuck bit [N]. 0 leaves this operation out.
+        Tension at a stuck bit [N]. By default 0: this operation is left out.
     display_units
-        {SI unit: unit in which tables show it}.
+        {SI unit: unit in which tables show the quantity}, such as {"N": "klbf"}. By default the units in which the
+        input was given.
 
     Returns
     -------

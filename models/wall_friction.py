@@ -25,10 +25,10 @@ class WallContact(Component):
         stick:  v = 0, R w = 0,  sqrt(F^2 + (T / R)^2) <= mu_s N
         slip:   F = mu N v / s,  T = mu N R (R w) / s,  s = sqrt(v^2 + (R w)^2)      both against the motion
 
-    N is the side force, the field `load` [N], and R the radius that touches the wall, the field `radius` [m]. mu and
-    mu_s are the kinetic and the static coefficient of the law `friction` [1]. v is the axial speed [m/s] and w the
-    speed of rotation [rad/s]. Rotation reduces the axial drag: a string that friction holds in axial direction begins
-    to slide when it is rotated.
+    F is the axial force and T the torque of the friction. N is the side force, the field `load` [N], and R the radius
+    that touches the wall, the field `radius` [m]. mu and mu_s are the kinetic and the static coefficient of the law
+    `friction` [1]. v is the axial speed [m/s] and w the speed of rotation [rad/s]. Rotation reduces the axial drag: a
+    string that friction holds in axial direction begins to slide when it is rotated.
 
     The part replaces the rock. It acts on the last mass of an `AxialChain` and on the last inertia of a
     `TorsionalChain`, and every switch is located as an event. For friction at every mass, computed in time steps, use
@@ -69,8 +69,9 @@ class WallContact(Component):
 def sliding_resultant(
     friction: float, load: NumberOrText, axial_speed: NumberOrText, turning_speed: NumberOrText, radius: NumberOrText
 ) -> tuple[float, float]:
-    """Compute axial force and torque of dry friction on a string that slides and turns at once. Both act against the
-    motion.
+    """Compute axial force and torque of dry friction on a string that slides along its borehole and rotates at the same time.
+
+    Both act against the motion.
 
         F = mu N v / s ,   T = mu N R (R w) / s ,   s = sqrt(v^2 + (R w)^2)
 
@@ -238,8 +239,13 @@ def string_on_wall(
 class StringOnWall(ContactBody):
     """Drill string that slides along its borehole and rotates at the same time, with one Coulomb friction cone at every mass.
 
-    This class is for scene files. The function `string_on_wall` makes the same string and describes inputs, outputs and
-    frame of reference. With `top_drive` controllers measure `top.speed` and give `top.torque`.
+    This class is for scene files. In Python, the function `string_on_wall` makes the same string.
+
+    - Inputs: `hook.speed` [m/s], positive downwards, `top.speed` [rad/s], `bit.weight` [N] and `bit.torque` [N m].
+    - Outputs: the displacements `axial.i` [m] relative to the hook and the angles `twist.i` [rad] relative to the top
+      drive, i from 0.
+    - With `top_drive=True` the top drive is an inertia under the input `top.torque` [N m] in place of `top.speed`, and
+      controllers measure `top.speed` and give `top.torque`.
 
     Examples
     --------

@@ -85,11 +85,13 @@ def _compile_quickly():
     """The code of every model is generated in the hurry in which users have that of large ones: the same arithmetic, to the last bit, which runs half as fast.
 
     Nearly half of the time of most rooms was compiling models, and two thirds of that the search for registers and for the order of instructions. The slow
-    tests, those with `--users-code` and those that are run without `-m "not slow"` have the code of users; this code is kept apart.
+    tests, those with `--users-code` and those that are run without `-m "not slow"` have the code of users; this code is kept apart. The C of an FMU, whose
+    compilation was two thirds of the time of the tests of FMUs, is not optimised either.
     """
     import llvmlite.binding as llvm
 
     from toolbox.compilation import emitter
+    from toolbox.export import fmu_archive
 
     llvm.set_option("tests", "-fast-isel=false")  # else products and sums are not fused, which changes their last bits
     object_code = emitter.object_code
@@ -98,6 +100,7 @@ def _compile_quickly():
         return object_code(text, processor, True, side_by_side)
 
     emitter.object_code = hurried
+    fmu_archive.OPTIMISED = "-O0"
 
 
 def pytest_unconfigure(config):

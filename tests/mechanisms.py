@@ -1,4 +1,5 @@
-"""Mechanisms that tests share: a shaft with bearing and brake, a valve spool between stops, a one-way clutch, friction on a prescribed motion."""
+"""Mechanisms that tests share: a shaft with bearing and brake, a valve spool between stops, a one-way clutch, friction on a prescribed motion, and
+motions whose closed forms are known: a ball, an oscillator, a tank, a Hertz contact."""
 
 from dataclasses import dataclass
 
@@ -6,7 +7,7 @@ import casadi as ca
 
 from models import Coulomb, GaussianStribeck, TwoWay
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, UnilateralContact, quantity, state, time
-from toolbox.modelling import OneWayClutch, Quantities
+from toolbox.modelling import Hysteresis, OneWayClutch, Quantities
 
 
 @dataclass(frozen=True)
@@ -109,3 +110,64 @@ class Stack(Component):
 
 
 TWO_WAY = TwoWay(Coulomb(2.0, 1.2), Coulomb(1.5, 1.0))
+
+
+@dataclass(frozen=True)
+class Ball(Component):
+    """A ball on a rigid floor under gravity and a push."""
+
+    restitution: float = quantity(0.5, "1", at_least=0, at_most=1)
+    gravity: float = quantity(10.0, "m/s2", above=0)
+    mass: float = quantity(1.0, "kg", above=0)
+
+    def equations(self, signal):
+        x, v = state("ball.height", "m"), state("ball.speed", "m/s")
+        floor = UnilateralContact("floor", -x, -v, restitution=self.restitution)
+        return Equations({x: v, v: (signal("ball.push", "N", default=0.0) + floor.force) / self.mass - self.gravity}, elements=[floor])
+
+
+@dataclass(frozen=True)
+class Oscillator(Component):
+    """x'' = -w^2 x + u, its square, and a signal cos(k x) that turns much faster than it."""
+
+    frequency: float = quantity(1.0, "rad/s", above=0)
+    waves: float = quantity(40.0, "rad/m", above=0)
+
+    def equations(self, signal):
+        x, v = state("mass.position", "m"), state("mass.speed", "m/s")
+        push = signal("mass.push", "m/s2", default=0.0)
+        outputs = {"mass.wave": (ca.cos(self.waves * x), "1"), "mass.square": (x * x, "m2")}
+        return Equations(flow={x: v, v: push - self.frequency**2 * x}, outputs=outputs)
+
+
+@dataclass(frozen=True)
+class Swing(Component):
+    """x'' = -x with a switch that is on above a height."""
+
+    high: float = quantity(0.9999, "1", "height above which the switch is on")
+
+    def equations(self, signal):
+        x, v = state("swing.x", "1"), state("swing.v", "1/s")
+        return Equations(flow={x: v, v: -x}, elements=[Hysteresis("switch", x, self.high, self.high)])
+
+
+@dataclass(frozen=True)
+class Tank(Component):
+    """x' = rate u: what a held input does to it is a straight line."""
+
+    rate: float = quantity(1.0, "1", "rate")
+
+    def equations(self, signal):
+        x = state("tank.level", "m")
+        return Equations(flow={x: self.rate * signal("tank.inflow", "m/s", default=0.0)})
+
+
+@dataclass(frozen=True)
+class Hertz(Component):
+    """A mass between a force and a Hertz contact, whose force grows as depth^1.5 and has no series where the contact closes."""
+
+    stiffness: float = quantity(50.0, "1", "stiffness")
+
+    def equations(self, signal):
+        x, v = state("ball.depth", "m"), state("ball.speed", "m/s")
+        return Equations(flow={x: v, v: 1.0 - self.stiffness * ca.fmax(x, 0.0) ** 1.5})

@@ -53,9 +53,9 @@ def number(
     given
         A number in the unit, of Python or of numpy, or text with a unit that fits, such as "220 rpm".
     unit
-        Unit of the result, such as "rad/s".
+        Unit of the result, such as "rad/s", by default "1".
     above, at_least, below, at_most
-        Bounds in this unit: >, >=, < and <=. None for no bound.
+        Bounds in this unit: >, >=, < and <=. By default None: no bound.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def numbers(word: str, given: Any, unit: str = "1", **bounds: float) -> list[flo
     given
         A row of numbers in the unit, or of texts with a unit that fits.
     unit
-        Unit of the result.
+        Unit of the result, by default "1".
     bounds
         Bounds `above`, `at_least`, `below` and `at_most` of every number, in this unit.
 
@@ -114,7 +114,7 @@ def numbers(word: str, given: Any, unit: str = "1", **bounds: float) -> list[flo
     [1000.0, 1500.0]
     """
     if not isinstance(given, Iterable) or isinstance(given, (str, bytes, Mapping)):
-        raise SceneError(f"Argument `{word}` must be a row of finite numbers, but it is {short(given)}.")
+        raise SceneError(f"Argument `{word}` must be a list of finite numbers, such as [1.0, 2.0], but it is {short(given)}.")
     return [number(word, value, unit, **bounds) for value in given]
 
 
@@ -128,7 +128,7 @@ def whole(word: str, given: Any, at_least: int, at_most: int | None = None) -> i
     given
         The integer.
     at_least, at_most
-        Bounds: >= and <=. None for no upper bound.
+        Bounds: >= and <=. By default None: no upper bound.
 
     Returns
     -------
@@ -246,7 +246,7 @@ def array(word: str, given: Any, shape: Sequence[int | range | None], at_least: 
     shape
         Expected shape. An entry may be a length, a range of lengths, or None for any length.
     at_least
-        Lower bound of all entries. None for no bound.
+        Lower bound of all entries. By default None: no bound.
 
     Returns
     -------

@@ -196,7 +196,26 @@ class SimulationError(RuntimeError):
 
 
 class ZenoError(SimulationError):
-    """Error for a run with so many events in a short time that the run cannot resolve them (Zeno behaviour). `run` is the trajectory so far."""
+    """Error for a run with so many events in a short time that the run cannot resolve them (Zeno behaviour). `run` is the trajectory so far.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from toolbox import Component, Equations, compose, simulate, state
+    >>> from toolbox.errors import ZenoError
+    >>> from toolbox.modelling import Hysteresis
+    >>> @dataclass(frozen=True)
+    ... class Tank(Component):
+    ...     def equations(self, signal):
+    ...         level = state("tank.level", "m")
+    ...         drain = Hysteresis("drain", level, low=1.0, high=1.0, signal_unit="m")
+    ...         return Equations(flow={level: 0.5 - drain.output}, elements=[drain])
+    >>> try:
+    ...     simulate(compose(Tank()), "5 s")
+    ... except ZenoError as error:
+    ...     print(error)
+    Element `drain` switches without end at t = 2 s.
+    """
 
 
 class NoModes(SimulationError):
@@ -238,7 +257,19 @@ class BudgetError(SimulationError):
 
 
 class AccuracyError(SimulationError):
-    """Error for a method that cannot reach the requested accuracy. `run` is the best run, and `run.error_estimate` its error."""
+    """Error for a method that cannot reach the requested accuracy. `run` is the best run, and `run.error_estimate` its error.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.errors import AccuracyError
+    >>> try:
+    ...     simulate(compose(BlockOnBelt()), "20 s", method="time-stepping", accuracy=1e-9)
+    ... except AccuracyError as error:
+    ...     print(error.run.error_estimate > 1e-9, f"{error.run.end:.0f} s")
+    True 20 s
+    """
 
 
 class GrazingError(SimulationError):
@@ -246,6 +277,25 @@ class GrazingError(SimulationError):
 
     At such an event a guard (switching function) touches zero without crossing it, or two guards reach zero at the same
     instant.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from toolbox import Component, Equations, compose, sensitivity, simulate, state
+    >>> from toolbox.errors import GrazingError
+    >>> from toolbox.modelling import Hysteresis
+    >>> @dataclass(frozen=True)
+    ... class Swing(Component):
+    ...     def equations(self, signal):
+    ...         x, v = state("swing.position", "m"), state("swing.speed", "m/s")
+    ...         switch = Hysteresis("switch", x, low=0.0, high=1.0 - 1e-15)
+    ...         return Equations(flow={x: v, v: -x}, elements=[switch])
+    >>> run = simulate(compose(Swing()), "2 s", start={"swing.speed": 1.0}, accuracy=1e-12)
+    >>> try:
+    ...     sensitivity(run, "swing.speed")
+    ... except GrazingError as error:
+    ...     print(str(error)[:14])
+    At t = 1.57079
     """
 
 

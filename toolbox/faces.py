@@ -59,7 +59,7 @@ def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], li
             refuse(package, name)
         if find_spec(f"{package}.{name}"):
             return import_module(f"{package}.{name}")
-        refuse(package, name, place_of(package, public, name), sys._getframe(1).f_code.co_name)
+        refuse(package, name, place_of(package, public, name) or _similar(package, public, name), sys._getframe(1).f_code.co_name)
 
     return __getattr__, names, listed
 
@@ -95,6 +95,14 @@ def place_of(package: str, public: Collection[str], name: str) -> str:
     having = [place for place, module in modules.items() if name in public_names(module)]
     having = having or [place for place, module in modules.items() if hasattr(module, "__path__") and find_spec(f"{place}.{name}")]
     return f"`{name}` is in `{having[0]}`: write `from {having[0]} import {name}`." if having else ""
+
+
+def _similar(package: str, public: Collection[str], name: str) -> str:
+    """The question whether a similar public name was meant; empty for no similar name."""
+    from difflib import get_close_matches  # here, too
+
+    near = get_close_matches(name, public, n=1, cutoff=0.75)
+    return f"there is no `{name}` in `{package}`: did you mean `{near[0]}`?" if near else ""
 
 
 def warn_of_hidden(*packages: str) -> None:

@@ -18,7 +18,7 @@ def halved(holds: Callable[[float], bool], low: float, high: float, relative: fl
     low, high
         The ends of the interval.
     relative, absolute
-        The tolerance is relative * high + absolute.
+        The tolerance is relative * high + absolute. By default absolute is 0.
 
     Returns
     -------

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable
+from inspect import CO_VARKEYWORDS
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from toolbox.errors import SceneError, suggest
@@ -117,10 +118,15 @@ class Renamed:
                     raise SceneError(f"Attribute `{word}` of `{cls.__name__}` is now `{now}`.")
 
         def __new__(cls, *args: Any, **kwargs: Any) -> Any:
-            """Refuse former names of arguments."""
+            """Refuse former and unknown names of arguments."""
             for word in kwargs:
                 if (now := new_field(cls, word)) != word and word not in getattr(cls, "__dataclass_fields__", {}):
                     raise SceneError(f"Argument `{word}` of `{cls.__name__}` is now `{now}`.")
+            code = getattr(cls.__init__, "__code__", None)
+            if code is not None and not code.co_flags & CO_VARKEYWORDS:
+                known = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
+                for word in kwargs.keys() - set(known):
+                    raise TypeError(f"{cls.__name__} has no argument `{word}`: {suggest(word, known)}")
             return super().__new__(cls)
 
         def __getattr__(self, name: str) -> Any:

@@ -16,15 +16,17 @@ from toolbox.modelling import Observer
 
 @dataclass(frozen=True, kw_only=True)
 class Ensemble(Observer):
-    """Observer whose estimates are the means of an ensemble of simulated strings (see `toolbox.drilling.EnsembleFilter`).
+    """Observer whose estimates are the means of an ensemble of simulated strings, which are corrected by the measured
+    top speed.
 
     Estimates:
 
     - `bit.speed` [rad/s], `bit.torque` [N m], `top.speed` [rad/s];
     - `bit.friction_scale` [1]: strength of the rock as a multiple of the declared strength.
 
-    Use it inside `ObserverBasedController` or `StringObserverController`, sampled at `period`. It runs in Python, and the run
-    keeps its estimates in `run.controllers[0].estimates`. It assumes that commands act without delay.
+    Use it inside `ObserverBasedController` or `StringObserverController`, sampled at `period`. The observer runs in
+    Python, and the run keeps the estimates in `run.controllers[0].estimates`. The observer assumes that commands act
+    without delay.
 
     Examples
     --------
@@ -50,7 +52,13 @@ class Ensemble(Observer):
         check_fields(self.knowledge)
 
     def create_estimator(self, plant: HybridSystem) -> EnsembleEstimator:
-        """Return the estimator for the plant."""
+        """Return the estimator for a plant: an object that computes estimates from the measured signals of each sample.
+
+        Parameters
+        ----------
+        plant
+            The plant whose signals are estimated.
+        """
         return EnsembleEstimator(self, plant)
 
 

@@ -249,6 +249,15 @@ class Kalman(StringObserver):
 
         A (n, n) and B (n,) are the matrices of the string with the bit torque as last state, and `row` (n,) is C, which
         gives the top speed. The result has the shape (n,).
+
+        Parameters
+        ----------
+        A
+            Matrix of the string with the bit torque as last state, shape (n, n).
+        B
+            Effect of the torque of the drive on these states, shape (n,).
+        row
+            Row that gives the top speed from these states, shape (n,).
         """
         from scipy.linalg import solve_continuous_are
 
@@ -269,7 +278,9 @@ class DisturbanceObserver(StringObserver):
     All poles of the estimation error are at -bandwidth (Ackermann's formula). `bandwidth` is the only number to tune.
     With a larger bandwidth the estimate follows the rock sooner, but contains more noise.
 
-    Estimates: the same signals as for `Kalman`.
+    Estimates: all states of the string by name, `top.speed` and `bit.speed` [rad/s], `top.load` and `bit.torque` [N m].
+    For a `BitRock` with exponential friction also `bit.friction_scale` [1]: the estimated rock torque as a multiple of
+    the rock torque of the plant at the estimated speed.
 
     Source: textbook (pole placement: K. Ogata, Modern Control Engineering).
 
@@ -290,6 +301,15 @@ class DisturbanceObserver(StringObserver):
 
         A (n, n) and B (n,) are the matrices of the string with the bit torque as last state, and `row` (n,) is C, which
         gives the top speed. The result has the shape (n,).
+
+        Parameters
+        ----------
+        A
+            Matrix of the string with the bit torque as last state, shape (n, n).
+        B
+            Effect of the torque of the drive on these states, shape (n,).
+        row
+            Row that gives the top speed from these states, shape (n,).
         """
         return placed(A, row, np.poly(np.full(A.shape[0], -self.bandwidth)))
 

@@ -37,9 +37,10 @@ class MovingHorizon(Observer):
       solution, and the case is counted in `failures`.
     - Before the first sample the string is assumed at rest.
 
-    The estimates are the same signals as for `Kalman`. `delay` is the time from a sample until its command reaches the
-    plant [s]. Use the observer inside `ObserverBasedController`, sampled at `period`. It runs in Python, and the run keeps
-    its estimates in `run.controllers[0].estimates`.
+    Estimates: all states of the string by name, `top.speed` and `bit.speed` [rad/s], `top.load` and `bit.torque` [N m].
+    `delay` is the time from a sample until its command reaches the plant [s]. Use the observer inside
+    `ObserverBasedController`, sampled at `period`. It runs in Python, and the run keeps its estimates in
+    `run.controllers[0].estimates`.
 
     Source: C. V. Rao, J. B. Rawlings, D. Q. Mayne, IEEE Trans. Autom. Control 48 (2003) 246-258.
 
@@ -74,7 +75,13 @@ class MovingHorizon(Observer):
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 
     def create_estimator(self, plant: HybridSystem) -> HorizonFilter:
-        """Return the estimator for the plant."""
+        """Return the estimator for a plant: an object that computes estimates from the measured signals of each sample.
+
+        Parameters
+        ----------
+        plant
+            The plant whose signals are estimated.
+        """
         return HorizonFilter(self, plant)
 
 

@@ -21,7 +21,8 @@ class SlidingObserver(StringObserver):
     layer and reaching are the fields `switching_gain`, `boundary_layer` and `reaching`.
 
     The entry of g for the top speed is 1. While e = 0, the other estimation errors decay with all poles at -bandwidth,
-    for any injection v. Estimates: the same signals as for `Kalman`.
+    for any injection v. Estimates: all states of the string by name, `top.speed` and `bit.speed` [rad/s], `top.load`
+    and `bit.torque` [N m].
 
     - `switching_gain` must be larger than the influence of the estimation errors on the acceleration of the top.
     - The linear term `reaching` e reduces large errors. Without this term the injection would be bounded, and the
@@ -47,7 +48,13 @@ class SlidingObserver(StringObserver):
     boundary_layer: Quantity = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
 
     def injection(self, error):
-        """Return the injection v [rad/s2] for an error e = w_top - w_top_hat [rad/s], as a casadi expression."""
+        """Return the injection v [rad/s2] for an error e = w_top - w_top_hat [rad/s], as a casadi expression.
+
+        Parameters
+        ----------
+        error
+            Error e = w_top - w_top_hat of the estimated top speed [rad/s].
+        """
         return self.switching_gain * ca.fmin(ca.fmax(error / self.boundary_layer, -1), 1) + self.reaching * error
 
     def slope(self):
@@ -59,6 +66,15 @@ class SlidingObserver(StringObserver):
 
         A (n, n) and B (n,) are the matrices of the string with the bit torque as last state, and `row` (n,) gives the
         top speed. The result has the shape (n,).
+
+        Parameters
+        ----------
+        A
+            Matrix of the string with the bit torque as last state, shape (n, n).
+        B
+            Effect of the torque of the drive on these states, shape (n,).
+        row
+            Row that gives the top speed from these states, shape (n,).
         """
         n = A.shape[0]
         # in sliding x' = (1 - g row) A x: its poles are 0 and the zeros; as L -> infinity, L = l g places n - 1 poles there

@@ -23,8 +23,9 @@ AXES = "xyz"
 class ElasticBody(Renamed):
     """Linear elastic body M u'' + C u' + K u = f from finite elements, with its nodes and the named parts of its surface.
 
-    A port is a weighted mean w^T u of displacements. If the body is joined to another part at a port, a force F on the
-    port loads the body with w F. `point`, `mean` and `node_row_ports` make ports, and `reduced` keeps the ports exactly.
+    A port is a place at which the body is joined to other parts: a weighted mean w^T u of displacements, with weights
+    w. A force F on the port loads the body with w F. The methods `point`, `mean` and `node_row_ports` make ports, and
+    `reduced` keeps the motion of the ports exactly.
 
     Attributes
     ----------
@@ -119,12 +120,13 @@ class ElasticBody(Renamed):
         Parameters
         ----------
         mass, stiffness, damping
-            Paths of the files. If `damping` is None, the body has no damping.
+            Paths of the files. By default `damping` is None: the body has no damping.
         names
             {"mass", "stiffness" or "damping": name of the matrix in its MAT file}. Needed if a file holds several
-            matrices.
+            matrices; by default None.
         places
-            nodes, dof_map and faces, as for `ElasticBody`.
+            The attributes `nodes`, `dof_map` and `faces` of the body, if they are known: coordinates of the nodes [m],
+            shape (k, 1 to 3), indices of their displacements, and areas of named parts of the surface.
 
         Returns
         -------
@@ -151,14 +153,30 @@ class ElasticBody(Renamed):
         return int(self.mass.shape[0])
 
     def face_nodes(self, face: str) -> np.ndarray:
-        """Return the indices of the nodes of a face, ordered by x, then y, then z. Raises SceneError if the body has no face of this name."""
+        """Return the indices of the nodes of a face, ordered by x, then y, then z.
+
+        Raises SceneError if the body has no face of this name.
+
+        Parameters
+        ----------
+        face
+            Name of the face, a key of `faces`.
+        """
         if face not in self.faces:
             raise SceneError(f"There is no face `{face}`: {suggest(face, self.faces)}")
         found = np.flatnonzero(self.faces[face])
         return found if self.nodes is None else found[np.lexsort(np.round(self.nodes[found].T, 12)[::-1])]
 
     def clamped(self, nodes: str | Iterable[int], axes: str = AXES) -> ElasticBody:
-        """Return the body with some nodes, or all nodes of a face, held along the given axes, such as "z" or "xyz"."""
+        """Return the body with some nodes, or all nodes of a face, held at rest along the given axes.
+
+        Parameters
+        ----------
+        nodes
+            Indices of the nodes, or the name of a face.
+        axes
+            Axes along which the nodes are held, by default "xyz" (all).
+        """
         chosen = self.face_nodes(nodes) if isinstance(nodes, str) else self._nodes(nodes)
         columns = [self._axis(axis) for axis in axes if axes != AXES or AXES.index(axis) < self.dof_map.shape[1]]
         held = self.dof_map[chosen][:, columns]
@@ -171,7 +189,17 @@ class ElasticBody(Renamed):
         return replace(self, **matrices, dof_map=number[self.dof_map])
 
     def point(self, node: int, axis: str) -> np.ndarray:
-        """Return the port that is the displacement of the node with index `node` along an axis ("x", "y" or "z"), as weights w of shape (n,)."""
+        """Return the port that is the displacement of one node along an axis, as weights w of shape (n,).
+
+        n is the number of displacements of the body.
+
+        Parameters
+        ----------
+        node
+            Index of the node, counted from 0.
+        axis
+            Axis of the displacement: "x", "y" or "z".
+        """
         return self._weighted(np.array([node]), np.ones(1), axis)
 
     def mean(self, face: str, axis: str) -> np.ndarray:
@@ -190,10 +218,20 @@ class ElasticBody(Renamed):
         return self._weighted(chosen, self.faces[face][chosen], axis)
 
     def node_row_ports(self, face: str, along: str, axis: str) -> list[np.ndarray]:
-        """Return one port for each row of nodes of a face: the mean displacement of the row along `axis`.
+        """Return one port for each row of nodes of a face, as a list of arrays of weights, each of shape (n,).
 
+        n is the number of displacements of the body. The port of a row is the mean displacement of its nodes along `axis`.
         A row consists of the nodes with the same coordinate along the axis `along`. The rows are in the order of this
-        coordinate. Each port has the shape (n,).
+        coordinate.
+
+        Parameters
+        ----------
+        face
+            Name of the face, a key of `faces`.
+        along
+            Axis along which the rows follow each other: "x", "y" or "z".
+        axis
+            Axis of the displacement: "x", "y" or "z".
         """
         return [self._weighted(row, self.faces[face][row], axis) for row in self._rows(face, along)]
 
@@ -221,7 +259,13 @@ class ElasticBody(Renamed):
         return [chosen[row == i] for i in range(row.max() + 1)]
 
     def frequencies(self, band: NumberOrText) -> np.ndarray:
-        """Compute the natural frequencies [Hz] of the undamped body from 0 up to `band` [Hz], ascending. Rigid-body motions have frequency 0."""
+        """Compute the natural frequencies [Hz] of the undamped body from 0 up to `band` [Hz], ascending. Rigid-body motions have frequency 0.
+
+        Parameters
+        ----------
+        band
+            Highest frequency that is computed [Hz], or text with a unit.
+        """
         return natural_frequencies(self.mass, self.stiffness, number("band", band, "Hz", at_least=0))
 
     def reduced(self, ports: Mapping[str, np.ndarray], band: NumberOrText = 0.0, tolerance: float = 0.01) -> ReducedBody:
@@ -236,9 +280,10 @@ class ElasticBody(Renamed):
         ports
             {name: weights w of the displacement w^T u, shape (n,)}, linearly independent.
         band
-            Frequency [Hz] up to which every natural frequency of the body is accurate. 0 for the static response alone.
+            Frequency [Hz] up to which every natural frequency of the body is accurate. By default 0: only the static
+            response is accurate.
         tolerance
-            Relative error of these natural frequencies.
+            Relative error of these natural frequencies, by default 0.01.
 
         Returns
         -------

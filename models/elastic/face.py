@@ -16,8 +16,8 @@ from toolbox.modelling import OptionalQuantities
 class ElasticFace(ContactBody):
     """Elastic body on a rigid plate, with many contacts that have a Coulomb friction cone: M q'' + C q' + K q = forces on its ports.
 
-    - A contact i consists of the ports with its number. With `tangent` ("x", "y") and `normal` "z" these are `x.i` and
-      `y.i` along the plate and `z.i` above it.
+    - A contact i consists of the ports whose names end with its number i. With `tangent` ("x", "y") and `normal` "z"
+      these are the ports `x.i` and `y.i` along the plate and `z.i` perpendicular to the plate.
     - With `normal` the contacts open and close under the pressure that the motion gives. With `loads` in place of
       `normal` they stay closed under these constant normal loads.
     - A spring and a damper to ground may act on one port, `support_port`. For springs to ground on other ports use

@@ -85,11 +85,11 @@ def body_of_mesh(
     modulus
         Young's modulus [Pa].
     poisson
-        Poisson's ratio, > -1 and < 0.5.
+        Poisson's ratio, > -1 and < 0.5, by default 0.3.
     damping_time
-        Factor of stiffness-proportional damping [s]: C = damping_time K.
+        Factor of stiffness-proportional damping [s]: C = damping_time K, by default 0.
     thickness
-        Thickness of a plane body [m].
+        Thickness of a plane body [m], by default 1.
 
     Returns
     -------

@@ -126,7 +126,7 @@ class ElasticPad(Component):
         friction
             Coefficient of friction. By default the coefficient of the friction law at the speed of the disc.
         push
-            Force on the port `force_ports` [N].
+            Force on the port `force_ports` [N], by default 0.
 
         Returns
         -------
@@ -205,9 +205,9 @@ class ElasticPad(Component):
         Parameters
         ----------
         up_to
-            Largest coefficient of friction of the search.
+            Largest coefficient of friction of the search, by default 2.
         tolerance
-            Absolute tolerance of the bisection.
+            Absolute tolerance of the bisection, by default 1e-6.
 
         Returns
         -------

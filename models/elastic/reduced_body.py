@@ -112,9 +112,14 @@ class ReducedBody(Renamed):
         return symmetric(word, matrix)
 
     def save(self, path: str | Path) -> Path:
-        """Write the body to a file (.npz) for `load` and scene files, and return its path.
+        """Write the body to a file (.npz) and return the path of the file.
 
-        The file is written atomically. For an exactly symmetric matrix it holds only the upper triangle.
+        `ReducedBody.load` and scene files read this file. For an exactly symmetric matrix it contains only the upper triangle.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
         """
         path = _npz(path)
         arrays: dict[str, Any] = {
@@ -127,9 +132,14 @@ class ReducedBody(Renamed):
 
     @classmethod
     def load(cls, path: str | Path) -> ReducedBody:
-        """Read a body from a file that `save` has written. Reading never executes code from the file.
+        """Read a body from a file that `ReducedBody.save` has written. Reading never executes code from the file.
 
         Raises SceneError if the file is missing, damaged, or holds no body.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
         """
         path = _npz(path)
         found = {new_field(cls, name): array for name, array in read_arrays(path, "a reduced body").items()}
@@ -148,7 +158,7 @@ class ReducedBody(Renamed):
 
     @property
     def size(self) -> int:
-        """Number of coordinates q: ports and modes."""
+        """Number of coordinates q: the number of ports plus the number of modes."""
         return len(self.mass)
 
     @property
@@ -157,13 +167,25 @@ class ReducedBody(Renamed):
         return self.size - len(self.ports)
 
     def index(self, port: str) -> int:
-        """Return the index of the coordinate that is the displacement of a port. Raises SceneError if the body has no such port."""
+        """Return the index of the coordinate that is the displacement of a port. Raises SceneError if the body has no such port.
+
+        Parameters
+        ----------
+        port
+            Name of the port.
+        """
         if port not in self.ports:
             raise SceneError(f"There is no port `{port}`: {suggest(port, self.ports)}")
         return self.ports.index(port)
 
     def indices(self, prefix: str) -> list[int]:
-        """Return the coordinates of the ports `prefix.0`, `prefix.1` and so on, in order. Raises SceneError if no port has such a name."""
+        """Return the coordinates of the ports `prefix.0`, `prefix.1` and so on, in order. Raises SceneError if no port has such a name.
+
+        Parameters
+        ----------
+        prefix
+            Beginning of the names of the ports, such as "contact" for `contact.0`, `contact.1` and so on.
+        """
         found: list[int] = []
         while f"{prefix}.{len(found)}" in self.ports:
             found.append(self.ports.index(f"{prefix}.{len(found)}"))
@@ -242,17 +264,21 @@ class ReducedBody(Renamed):
             One or two prefixes of port names. The ports `prefix.0`, `prefix.1`, ... are the tangential displacements of the
             contacts.
         normal
-            Prefix of the ports of the normal displacements, for contacts that open and close.
+            Prefix of the ports of the normal displacements, for contacts that open and close. By default None: the
+            contacts stay closed under `load`.
         normal_sign
-            1 if a positive normal displacement closes the gap, -1 if it opens the gap, as for z above a plate.
+            1 if a positive normal displacement closes the gap, -1 (default) if it opens the gap, such as the height
+            above a plate.
         load
-            Constant normal loads [N], shape (contacts,), in place of `normal`.
+            Constant normal loads [N], shape (contacts,), if `normal` is None. By default None.
         gap
-            Gaps of the contacts, as for `ContactProblem`.
+            Initial gaps of the contacts [m], shape (contacts,), for contacts that open and close. By default None: 0.
         force_ports
-            Ports on which external forces act. Each is an input of the same name [N].
+            Names of the ports on which external forces act, by default none. Each becomes an input of the same name
+            [N].
         contact_positions, contact_areas
-            Positions of the contacts [m] and their areas [m2], as for `ContactProblem`. By default the values of the body.
+            Positions of the contacts [m], shape (contacts, 1 to 3), and their areas [m2], shape (contacts,). By default
+            the values of the body.
 
         Returns
         -------

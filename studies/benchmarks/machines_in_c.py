@@ -25,6 +25,7 @@ from models import BitRock, wells
 from studies.command_line import parser_of
 from toolbox import Scene, SceneError, compose, export_c, simulate, stepper
 from toolbox.compilation import work_layout as layout
+from toolbox.export import fmu_archive
 from toolbox.export.machine_c import machine
 from toolbox.simulation.work_arrays import work_arrays
 from toolbox.stepping.event_stepper import run_on
@@ -39,16 +40,16 @@ DONE, OVERRUN = 0, 3
 class CompiledMachine:
     """An exported machine as a shared library, with the struct in a buffer."""
 
-    def __init__(self, source: Path, flags: Sequence[str] = STRICT, compiler: str | None = None):
+    def __init__(self, source: Path, flags: Sequence[str] = (), compiler: str | None = None):
         self.name, library, compiler = source.stem, source.with_suffix(".so"), compiler or _compiler()
-        subprocess.run([compiler, *flags, "-shared", "-fPIC", str(source), "-lm", "-o", str(library)], check=True)
         size = source.with_name("size.c")
         size.write_text(
-            f'#include <stdio.h>\n#include "{self.name}.h"\nint main(void) {{ printf("%zu", sizeof({self.name}_machine)); return 0; }}\n'
+            f'#include "{self.name}.h"\nint size_of_memory(void);\nint size_of_memory(void) {{ return sizeof({self.name}_machine); }}\n'
         )
-        subprocess.run([compiler, str(size), "-o", str(size.with_suffix(""))], check=True)
-        self.size = int(subprocess.run([str(size.with_suffix(""))], capture_output=True, check=True).stdout)
+        flags = flags or [*STRICT, fmu_archive.OPTIMISED]
+        subprocess.run([compiler, *flags, "-shared", "-fPIC", str(source), str(size), "-lm", "-o", str(library)], check=True)
         self.library = ctypes.CDLL(str(library))
+        self.size = self.library.size_of_memory()
         self.memory = ctypes.create_string_buffer(self.size)
         self.macros = dict(
             line.split()[1:3]

@@ -17,11 +17,11 @@ import matplotlib.pyplot as plt
 
 import toolbox
 from toolbox import Scene, plot
-from toolbox.onsets import study
+from toolbox.onsets import verdicts
 from toolbox.scenes.verdict_table import table
 
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "navarro_lopez_4.toml")
-judged = {label: study.verdict_row(scene, label) for label in scene.labels}
+judged = {label: verdicts.verdict_row(scene, label) for label in scene.labels}
 print(table(scene, [row for row, _ in judged.values()]))
 
 # %% [markdown]

@@ -25,7 +25,7 @@ from models import BitRock, wells
 from studies.command_line import parser_of
 from studies.timing import timed
 from toolbox import Controller, Sampled, Scene, Update, compose, state
-from toolbox.onsets.study import verdict_row
+from toolbox.onsets.verdicts import verdict_row
 from toolbox.scenes.verdict_table import table
 
 PERIOD, REFERENCE, HIGHEST, UNIT, MEMORY = 0.05, 8.0, 20e3, 1e4, 0.5

@@ -19,7 +19,7 @@ from toolbox.commands import figures, terminal
 from toolbox.commands.command_line import main
 from toolbox.errors import ZenoError
 from toolbox.measuring.verdict import of_sticks
-from toolbox.onsets import study
+from toolbox.onsets import verdicts
 from toolbox.scenes.scene import Scene
 from toolbox.scenes.verdict_table import table
 
@@ -182,7 +182,7 @@ CHAOTIC = {"whirl"}  # collars strike the wall
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SHIPPED])
 def test_in_the_shipped_scenes_some_drives_end_the_stick_slip_that_others_keep(root, name):
     scene = Scene.load(root / "studies" / "scenes" / f"{name}.toml")
-    rows = [study.verdict_row(scene, label)[0] for label in scene.labels]
+    rows = [verdicts.verdict_row(scene, label)[0] for label in scene.labels]
     assert {row.controller: row.verdict for row in rows} == SHIPPED[name]
     for row in rows:
         assert row.error <= 10 * scene.accuracy or name in CHAOTIC
@@ -215,14 +215,14 @@ def test_the_verdict_follows_from_the_stick_intervals_between_10_and_30_s(sticks
 def test_a_parked_block_is_stuck(tmp_path):
     (tmp_path / "parked.toml").write_text('title = "at rest"\nduration = 20\n[[plant]]\npart = "BlockOnBelt"\nbelt_speed = 0.0\n')
     scene = Scene.load(tmp_path / "parked.toml")
-    row, _ = study.verdict_row(scene, "no controller")
+    row, _ = verdicts.verdict_row(scene, "no controller")
     assert (row.verdict, row.stuck, row.peak) == ("stuck", 10.0, 0.0)
 
 
 def test_one_entry_of_a_vector_state_and_an_input_may_be_judged(tmp_path):
     (tmp_path / "rig.toml").write_text(RIG.replace('after = "40 s"', 'after = "40 s"\nsignal = "chain.speed.1"\neffort = "top.load"'))
     scene = Scene.load(tmp_path / "rig.toml")
-    row, run = study.verdict_row(scene, "soft torque, 100 Hz")
+    row, run = verdicts.verdict_row(scene, "soft torque, 100 Hz")
     assert row.verdict == "free"
     assert row.peak == pytest.approx(np.abs(run["top.load"]).max(), rel=1e-3)
     assert "N m" in table(scene, [row])
@@ -259,7 +259,7 @@ def test_an_empty_folder_and_the_current_one_may_take_the_results(tmp_path, belt
 
 @pytest.mark.parametrize("out", ["belt.toml", "belt.toml/out", *(["/proc/out", "/dev/null/out"] if sys.platform == "linux" else [])])
 def test_an_unwritable_folder_is_an_error_before_anything_is_simulated(tmp_path, belt, capsys, monkeypatch, out):
-    monkeypatch.setattr(study, "verdict_row", lambda *arguments: pytest.fail("simulated"))
+    monkeypatch.setattr(verdicts, "verdict_row", lambda *arguments: pytest.fail("simulated"))
     monkeypatch.chdir(tmp_path)
     assert main(["study", str(belt), "--out", out]) == 2
     assert "Argument `--out` must be a folder" in one_line(capsys)
@@ -280,14 +280,14 @@ def test_an_interrupted_study_leaves_what_was_there_as_it_was(tmp_path, belt, no
     if exists:
         assert main(["study", str(belt), "--out", str(out)]) == 0
     before = content(out) if exists else None
-    verdict_row = study.verdict_row
+    verdict_row = verdicts.verdict_row
 
     def interrupted(scene, label, *arguments):
         if label == "two":
             raise KeyboardInterrupt
         return verdict_row(scene, label, *arguments)
 
-    monkeypatch.setattr(study, "verdict_row", interrupted)
+    monkeypatch.setattr(verdicts, "verdict_row", interrupted)
     capsys.readouterr()
     assert main(["study", str(belt), "--out", str(out)]) == 130
     assert "interrupted" in one_line(capsys)

@@ -34,7 +34,7 @@ def test_margins_and_the_smallest_error_are_those_of_the_verbs(root, tmp_path, c
         (["--uncertainty", "bit.wight=20%"], "did you mean `bit.weight`"),
         (["--uncertainty", "bit.weight=120%"], "`--uncertainty`"),
         (["--duration", "3 s"], "`--duration` must stand beside `--uncertainty`"),
-        (["--controller", "constant torque"], "must hold a control law"),
+        (["--controller", "constant torque"], "must contain a controller"),
         (["--hold", "bit.weight"], "`--hold` must be NAME=VALUE"),
     ],
 )

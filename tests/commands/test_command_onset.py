@@ -8,6 +8,7 @@ import pytest
 
 from models import oscillators
 from toolbox.commands.command_line import main
+from toolbox.commands.terminal import Ended
 from toolbox.errors import UnusualValue
 from toolbox.files.units import _WARNED as GIVEN  # only to begin anew
 from toolbox.onsets.results import Onset
@@ -123,3 +124,29 @@ def test_where_no_controller_has_a_steady_state_the_exit_code_is_1(rig, capsys):
     arguments = ["--range", "top.torque=100:200", "--controller", "constant torque", "--values", "3"]
     assert main(["onset", rig, *arguments]) == 1
     assert "no steady running" in capsys.readouterr().out
+
+
+def test_an_interrupted_search_keeps_the_controllers_that_have_ended(rig, tmp_path, capsys, monkeypatch):
+    """What has been simulated stays in the folder until all is written; another search there is refused, and nothing is lost."""
+    out, call = (
+        tmp_path / "borders",
+        ["onset", rig, "--range", "top.reference=130 rpm:150 rpm", "--values", "3", "--out", str(tmp_path / "borders")],
+    )
+
+    def interrupted(each, label, own=Ended.__call__):
+        own(each, label)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Ended, "__call__", interrupted)
+        assert main(call) == 130
+    told = capsys.readouterr().err
+    assert re.search(r"stiff PI: 1 of 2 controllers ended after \d+ s, about \d+ s left\n", told) and "goes on" in told
+    (kept,) = out.iterdir()
+    assert kept.name == "02_stiff_pi_onset.jsonl"
+    first = kept.read_bytes()
+    assert main([*call, "--values", "4"]) == 2
+    assert "Argument `--out` must come from a search with the same arguments" in capsys.readouterr().err and kept.read_bytes() == first
+    assert main(call) == 0
+    assert "soft torque: 2 of 2 controllers ended" in capsys.readouterr().err
+    assert not list(out.glob("*.jsonl")) and (out / "03_soft_torque_onset.npz").exists()

@@ -24,7 +24,7 @@ from toolbox.commands import figures
 from toolbox.commands.command_line import main
 from toolbox.files.atomic import _exchanged
 from toolbox.files.origin import ORIGIN
-from toolbox.onsets import study
+from toolbox.onsets import verdicts
 from toolbox.sweeps import Sweep
 
 BELT = 'title = "TITLE"\nduration = 40\n[[plant]]\npart = "BlockOnBelt"\n[[controllers]]\nlabel = "one"\n'
@@ -104,22 +104,25 @@ def content(folder):
 def quick(monkeypatch):
     """Runs that are there already, and figures as empty files: what is tried here is how they are written."""
     runs = {}
-    verdict_row = study.verdict_row
+    verdict_row = verdicts.verdict_row
 
     def known(scene, label, stem="", metrics=()):
         if scene.title not in runs:
             runs[scene.title] = verdict_row(scene, label, stem)
         return runs[scene.title]
 
-    monkeypatch.setattr(study, "verdict_row", known)
+    monkeypatch.setattr(verdicts, "verdict_row", known)
     monkeypatch.setattr(figures, "draw", lambda scene, label, run, *paths: [path.touch() for path in paths])
     for name in ("draw_comparison", "draw_found"):
         monkeypatch.setattr(figures, name, lambda *arguments: arguments[-1].touch())
 
 
-@pytest.mark.parametrize("exchange", [True, False], ids=["", "no exchange of folders"])
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("exists", [False, True], ids=["new", "in place of an earlier one"])
+@pytest.mark.parametrize(
+    ("exists", "exchange"),
+    [(False, True), (True, True), (True, False)],  # nothing is exchanged where nothing is
+    ids=["new", "in place of an earlier one", "in place of an earlier one, no exchange of folders"],
+)
 def test_a_study_with_a_failing_file_operation_leaves_the_old_or_the_new(tmp_path, monkeypatch, quick, capsys, kind, exists, exchange):
     monkeypatch.setattr("toolbox.files.atomic._exchanged", (lambda *paths: False) if not exchange else _exchanged)
     scene, out = tmp_path / "belt.toml", tmp_path / "above" / "out"

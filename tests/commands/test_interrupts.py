@@ -23,7 +23,7 @@ NOTHING = "stickslip: interrupted, and nothing was written."
 COMMAND = """
 import os, signal, sys, threading, time
 from toolbox.commands import command_line, figures
-from toolbox.onsets import study
+from toolbox.onsets import verdicts
 
 def interrupt():
     os.kill(os.getpid(), signal.SIGINT)
@@ -37,7 +37,7 @@ command_line.script()
 
 IN_A_CALLBACK = """
 import ctypes
-inner = study.verdict_row
+inner = verdicts.verdict_row
 @ctypes.CFUNCTYPE(None)
 def callback():  # what is raised in it, nobody catches
     interrupt()
@@ -45,11 +45,11 @@ def callback():  # what is raised in it, nobody catches
 def verdict_row(*arguments):
     callback()
     return inner(*arguments)
-study.verdict_row = verdict_row
+verdicts.verdict_row = verdict_row
 """
 
 LOST = """
-inner = study.verdict_row
+inner = verdicts.verdict_row
 def verdict_row(*arguments):
     try:
         interrupt()
@@ -57,7 +57,7 @@ def verdict_row(*arguments):
     except KeyboardInterrupt:
         pass
     return inner(*arguments)
-study.verdict_row = verdict_row
+verdicts.verdict_row = verdict_row
 """
 
 IN_MACHINE_CODE = """
@@ -65,7 +65,7 @@ import hashlib
 def verdict_row(*arguments):
     threading.Timer(0.1, interrupt).start()
     hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
-study.verdict_row = verdict_row
+verdicts.verdict_row = verdict_row
 """
 
 IN_A_HARD_FINALLY = """
@@ -75,7 +75,7 @@ def verdict_row(*arguments):
         time.sleep(100)
     finally:
         time.sleep(100)
-study.verdict_row = verdict_row
+verdicts.verdict_row = verdict_row
 """
 
 TWICE = """
@@ -86,7 +86,7 @@ def verdict_row(*arguments):
     finally:
         interrupt()
         time.sleep(0.05)
-study.verdict_row = verdict_row
+verdicts.verdict_row = verdict_row
 """
 
 WHILE_PLACING = """
@@ -118,11 +118,25 @@ def results(tmp_path_factory):
     return folder / "out"
 
 
-@pytest.mark.parametrize("exists", [False, True], ids=["a new folder", "a folder with results"])
 @pytest.mark.parametrize(
-    "patch", [IN_A_CALLBACK, LOST, IN_MACHINE_CODE, IN_A_HARD_FINALLY, TWICE],
-    ids=["in a callback of machine code", "caught by somebody", "in machine code", "before a long cleaning up", "twice"],
-)  # fmt: skip
+    ("patch", "exists"),  # only where nobody may clean up could earlier results be at risk
+    [
+        (IN_A_CALLBACK, False),
+        (LOST, False),
+        (IN_MACHINE_CODE, False),
+        (IN_A_HARD_FINALLY, False),
+        (IN_A_HARD_FINALLY, True),
+        (TWICE, False),
+    ],
+    ids=[
+        "in a callback of machine code",
+        "caught by somebody",
+        "in machine code",
+        "before a long cleaning up",
+        "beside earlier results",
+        "twice",
+    ],
+)
 def test_an_interrupt_ends_the_study_wherever_it_arrives(tmp_path, patch, exists, results):
     out = tmp_path / "out"
     (tmp_path / "belt.toml").write_text(BELT)

@@ -4,7 +4,7 @@ import pytest
 
 from toolbox import Scene
 from toolbox.commands.command_line import main
-from toolbox.onsets.study import verdict_row
+from toolbox.onsets.verdicts import verdict_row
 
 SCENE = """
 title = "short string"

@@ -17,8 +17,9 @@ from models.closed_forms import groan_growth
 from studies.questions import brakes
 from toolbox import Sampled, Scene, SceneError, compose, energy_audit, measure, simulate
 from toolbox.inputs import sine
-from toolbox.onsets import study
-from toolbox.scenes.verdict_table import table
+from toolbox.onsets import verdicts
+from toolbox.scenes.cases import Case
+from toolbox.scenes.verdict_table import judged_by, table
 
 EVERY = {
     "constant force": BrakeForce,
@@ -271,15 +272,44 @@ def shipped(root, name):
 
 def test_the_verdict_of_a_stop_ends_at_standstill_and_does_not_call_a_standing_wheel_stuck(root):
     scene = shipped(root, "brake_laws")
-    rows = {label: study.verdict_row(scene, label)[0] for label in ("constant force", "eased force", "MPC")}
+    rows = {label: verdicts.verdict_row(scene, label)[0] for label in ("constant force", "eased force", "MPC")}
     assert [row.verdict for row in rows.values()] == ["stick-slip", "free", "free"]
     assert rows["constant force"].stuck > 0.02 and rows["eased force"].stuck == 0.0
     assert rows["eased force"].settling > rows["constant force"].settling > 2.0
-    without = study.verdict_row(dataclasses.replace(scene, standstill_speed=None), "eased force")[0]
+    without = verdicts.verdict_row(dataclasses.replace(scene, standstill_speed=None), "eased force")[0]
     assert without.verdict != "free"  # the wheel that stands
-    late = study.verdict_row(dataclasses.replace(scene, duration=1.0), "constant force")[0]
+    late = verdicts.verdict_row(dataclasses.replace(scene, duration=1.0), "constant force")[0]
     assert late.verdict == "does not stand" and late.settling == math.inf
     assert "standstill at 0.1 rad/s" in table(scene, [rows["MPC"]]) and "stands at" in table(scene, [rows["MPC"]])
+    assert "at the end of the run: increase `duration` (1 s)" in late.remark and late.remark in table(scene, [late])
+
+
+def test_a_stop_says_how_long_the_command_was_at_its_limits():
+    # 1 kN/s from 0 to 800 N in samples of 1 ms, then 800 N to standstill; the plan asks for 1 kN
+    law = BrakeForce(deceleration=2.0 / 3.0, friction=0.1, highest_force=800.0, force_rate=1000.0)
+    scene = Scene.of(
+        compose(DiscBrake(force=0.0, friction=Coulomb(static=0.1, kinetic=0.1))), 9.0, {"weak": Sampled(law, 1e-3)}, signal="disc.speed",
+        effort="brake.force", after=0.5, standstill_speed=0.1, start={"disc.speed": 3.0},
+    )  # fmt: skip
+    assert 36.0 * law.deceleration / (2.0 * 0.12 * law.friction) == pytest.approx(1000.0)
+    row, run = verdicts.verdict_row(scene, "weak")
+    reached = verdicts.limits_reached(run, row.settling)["brake.force"]
+    assert [(word, limit) for word, limit, _ in reached] == [("highest", 800.0), ("rate", 1000.0)]
+    assert [time for *_, time in reached] == pytest.approx([row.settling - 0.8, 0.8], abs=2e-3)
+    assert (
+        row.remark
+        == f"The command of `brake.force` was at its limits: highest 800 N for {row.settling - 0.8:.2g} s, rate 1000 N/s for 0.8 s."
+    )
+    free = dataclasses.replace(law, highest_force=1001.0, force_rate=None)
+    assert verdicts.verdict_row(dataclasses.replace(scene, cases=(Case("free", free, 1e-3),)), "free")[0].remark == ""
+
+
+def test_controllers_keep_their_border_on_a_brake_with_other_friction_and_the_study_says_so(root):
+    changed = shipped(root, "brake_laws")
+    scene = dataclasses.replace(changed, parameters={})
+    assert changed["eased force"].designed_controllers[0].border == scene["eased force"].designed_controllers[0].border
+    words = "the nominal plant with other values of `pad.friction.static`, `pad.friction.kinetic` than its controllers are designed for"
+    assert words in judged_by(changed) and "other values" not in judged_by(scene)
 
 
 def test_a_scene_of_a_stop_is_the_same_after_a_round_trip(root, tmp_path):

@@ -181,18 +181,31 @@ HEAVY = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
 PREDICTIVE = LinearMPC(reference=8.0, torque_rate=20_000.0, highest_speed=14.0, **LIMITS)
 
 
+OBJECTS = {}
+"""{text of a file of the solver: its machine code}."""
+
+
+def solver_objects(sources, flags, folder):
+    """Machine code of the solver, which is the same for most laws, so that each file is compiled once."""
+    for path in sources:
+        if path.read_bytes() not in OBJECTS:
+            made = OBJECTS[path.read_bytes()] = folder / f"{path.stem}.o"
+            subprocess.run([COMPILER, *flags, "-O1", "-ffp-contract=off", "-fPIC", "-c", str(path), "-o", str(made)], check=True)
+    return [str(OBJECTS[path.read_bytes()]) for path in sources]
+
+
 def compiled_program(tmp_path, law, iterations=20_000):
     """A predictive law and its solver as a shared library: (callable, number of entries of its memory)."""
     planned = law.design(HEAVY)
     c, h = tmp_path / "mpc.c", tmp_path / "mpc.h"
     export(planned, c, h, law.period, iterations=iterations)
     solver = tmp_path / "mpc_osqp"
-    sources = [str(path) for path in (*solver.glob("*.c"), *(solver / "src").glob("*.c"))]
+    sources = [*solver.glob("*.c"), *(solver / "src").glob("*.c")]
     folders = [f"-I{folder}" for folder in (solver, solver / "inc" / "public", solver / "inc" / "private")]
     _, rows = header(h)
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", *(folder.replace("-I", "-isystem") for folder in folders)]
     subprocess.run([COMPILER, *strict, "-c", str(c), "-o", str(tmp_path / "strict.o")], check=True)  # the solver's own code is not ours
-    return CompiledLaw(c, len(rows["memory"]), 1, sources, (*folders, "-w")), rows
+    return CompiledLaw(c, len(rows["memory"]), 1, solver_objects(sources, (*folders, "-w"), tmp_path), (*folders, "-w")), rows
 
 
 @compiled

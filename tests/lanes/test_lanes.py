@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -14,16 +12,16 @@ from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, HystereticBitRock, StepFriction, TorsionalChain, TwoDisks, wells
 from studies.benchmarks.cases import cases
 from tests.fading_brake import FadingBrake
+from tests.mechanisms import Ball, Hertz, Oscillator, Swing
 from tests.plants import BELT
 from tests.together import together
-from toolbox import Component, Equations, Sampled, SceneError, UnilateralContact, closed_loop, compose, quantity, simulate, state
+from toolbox import Sampled, SceneError, closed_loop, compose, simulate
 from toolbox.compilation import taylor
 from toolbox.compilation.work_layout import INCONSISTENT, NO_SERIES, UNDERFLOW
 from toolbox.inputs import sine
 from toolbox.lanes.lanes import Lanes
 from toolbox.measuring import metrics
 from toolbox.measuring.measure import extent
-from toolbox.modelling import Hysteresis
 from toolbox.modelling.start import place_start
 from toolbox.simulation import TaylorSeries  # fmt: skip
 from toolbox.simulation.methods import Explicit
@@ -37,30 +35,6 @@ RANDOM = np.random.default_rng(5)
 def driver():
     """The driver of the lanes, compiled once per machine outside the time of any test."""
     batch(compose(BlockOnBelt()), 0.0)
-
-
-@dataclass(frozen=True)
-class Ball(Component):
-    """A ball falling on a rigid floor."""
-
-    gravity: float = quantity(10.0, "m/s2", above=0)
-    restitution: float = quantity(0.7, "1", at_least=0, at_most=1)
-
-    def equations(self, signal):
-        x, v = state("ball.height", "m"), state("ball.speed", "m/s")
-        floor = UnilateralContact("floor", -x, -v, restitution=self.restitution)
-        return Equations(flow={x: v, v: -self.gravity + floor.force}, elements=[floor])
-
-
-@dataclass(frozen=True)
-class Oscillator(Component):
-    """An undamped oscillator."""
-
-    frequency: float = quantity(1.0, "rad/s", above=0)
-
-    def equations(self, signal):
-        x, v = state("mass.position", "m"), state("mass.speed", "m/s")
-        return Equations(flow={x: v, v: -(self.frequency**2) * x})
 
 
 def spread(low, high, count):
@@ -126,7 +100,7 @@ PLANTS = {
     ),
     "two-disk stop": (compose(TwoDisks()), 0.3, {}, {"start": {"disks.rotor_speed": 2.0}}),
     "disc brake": (compose(DiscBrake()), 1.0, {"disc.force": (500.0, 1500.0)}, {"start": {"disc.speed": 2.0}}),
-    "bouncing ball": (compose(Ball()), 2.0, {"ball.restitution": (0.3, 0.8)}, {"start": {"ball.height": 1.0}}),
+    "bouncing ball": (compose(Ball(restitution=0.7)), 2.0, {"ball.restitution": (0.3, 0.8)}, {"start": {"ball.height": 1.0}}),
 }
 
 
@@ -337,28 +311,6 @@ def test_what_lanes_do_not_carry_is_refused_by_name():
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------ Taylor series
-@dataclass(frozen=True)
-class Swing(Component):
-    """x'' = -x with a switch that is on above a height."""
-
-    high: float = quantity(0.9999, "1", "height above which the switch is on")
-
-    def equations(self, signal):
-        x, v = state("swing.x", "1"), state("swing.v", "1/s")
-        return Equations(flow={x: v, v: -x}, elements=[Hysteresis("switch", x, self.high, self.high)])
-
-
-@dataclass(frozen=True)
-class Hertz(Component):
-    """A mass between a force and a Hertz contact, whose force grows as depth^1.5 and has no series where the contact closes."""
-
-    stiffness: float = quantity(50.0, "1", "stiffness")
-
-    def equations(self, signal):
-        x, v = state("ball.depth", "m"), state("ball.speed", "m/s")
-        return Equations(flow={x: v, v: 1.0 - self.stiffness * ca.fmax(x, 0.0) ** 1.5})
-
-
 def test_guards_that_dip_within_long_steps_of_series_are_found_in_every_lane_as_far_as_they_dip():
     # x = sin t is above a height h for pi - 2 arcsin h of every period: at 1 - 1e-7 for 9e-4 of a step of about one
     high = np.array([0.99, 0.9999, 1.0 - 1e-7, 1.0 + 1e-6] * 5)

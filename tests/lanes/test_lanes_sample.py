@@ -13,6 +13,7 @@ from scipy.special import j0
 
 from controllers import PI, BrakePI, ImpedanceSuperTwisting, SlidingMode, SoftTorque, SuperTwisting, ZTorque, observers
 from models import Coulomb, DiscBrake, TorsionalChain
+from tests.mechanisms import Oscillator, Tank
 from tests.plants import RIG
 from tests.together import together
 from toolbox import (
@@ -42,17 +43,6 @@ from toolbox.sweeps import batch, listed, uniform
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes, runs_in_lanes, single, with_room
 from toolbox.sweeps.sweep import task_of as sweep_task
 from toolbox.sweeps.variants import shared_run, varied_numbers
-
-
-@dataclass(frozen=True)
-class Tank(Component):
-    """x' = rate u: what a held input does to it is a straight line."""
-
-    rate: float = quantity(1.0, "1", "rate")
-
-    def equations(self, signal):
-        x = state("tank.level", "m")
-        return Equations(flow={x: self.rate * signal("tank.inflow", "m/s", default=0.0)})
 
 
 @dataclass(frozen=True)
@@ -127,19 +117,6 @@ class Throw(Controller):
         return Update(
             memory={count: ca.if_else(count >= 3, 0, count + 1)}, outputs={"hammer.force": (ca.if_else(count >= 3, 23.0, 0.0), "N")}
         )
-
-
-@dataclass(frozen=True)
-class Oscillator(Component):
-    """x'' = -w^2 x + u, and a signal cos(k x) that turns much faster than it."""
-
-    frequency: float = quantity(1.0, "rad/s", above=0)
-    waves: float = quantity(40.0, "rad/m", above=0)
-
-    def equations(self, signal):
-        x, v = state("mass.position", "m"), state("mass.speed", "m/s")
-        push = signal("mass.push", "m/s2", default=0.0)
-        return Equations(flow={x: v, v: push - self.frequency**2 * x}, outputs={"mass.wave": (ca.cos(self.waves * x), "1")})
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def test_a_swing_that_grows_with_four_minutes_is_not_smooth_and_is_carried_on_un
 
 
 def test_a_swing_that_grows_until_the_budget_is_spent_is_not_decided():
-    """Chaos rises and falls until then, and swings: `tests/onsets/test_study.py` has a pad whose squeal never repeats."""
+    """Chaos rises and falls until then, and swings: `tests/onsets/test_verdicts.py` has a pad whose squeal never repeats."""
     reference, rate = 3.96, 0.0042594
     judge = replace(at(reference, rate), budget=40)
     judged, time = carried(RIG, Sampled(PI(), 0.01), judge, beside(reference, 1e-2), inputs={"top.reference": reference})

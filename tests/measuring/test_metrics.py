@@ -15,7 +15,7 @@ from toolbox import Sampled, Scene, SceneError, Trajectory, closed_loop, compare
 from toolbox.commands.command_line import main
 from toolbox.measuring import metrics
 from toolbox.measuring.metrics import METRICS, metrics_of
-from toolbox.onsets.study import COLUMNS, verdict_row
+from toolbox.onsets.verdicts import COLUMNS, verdict_row
 from toolbox.scenes.verdict_table import table
 
 RIG = compose(wells.JANSEN_2, BitRock())
@@ -205,7 +205,8 @@ def test_the_commands_know_every_measure(tmp_path, capsys):
     scene = str(short.save(tmp_path / "scene.toml"))
     assert main(["study", scene, "--metric", "longest_stick", "--out", str(tmp_path / "out")]) == 0
     assert "longest_stick" in capsys.readouterr().out
-    assert (tmp_path / "out" / "table.csv").read_text().splitlines()[0].endswith(",files,failure,longest_stick")
+    heads = (tmp_path / "out" / "table.csv").read_text().splitlines()[0]
+    assert heads.endswith(",files,failure,remark,regime,tone,failed,reason,longest_stick")
     assert main(["study", scene, "--out", str(tmp_path / "out")]) == 0  # replaces its own
     assert main(["study", scene, "--metric", "longest", "--out", str(tmp_path / "out")]) == 2
     assert "did you mean `longest_stick`" in capsys.readouterr().err

@@ -6,14 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from toolbox.measuring.judge import SHORTEST, STANDS, STICKS, Judged, is_stick
-from toolbox.measuring.verdict import FREE, STICK_SLIP, SWING, Verdict, of_judged, of_quarters, of_sticks, stands
+from toolbox.measuring.judge import STANDS, STICKS, Judged
+from toolbox.measuring.sticks import SHORTEST, is_stick, stands
+from toolbox.measuring.verdict import FREE, STICK_SLIP, SWING, Verdict, of_judged, of_quarters, of_sticks
 from toolbox.scenes.verdict_table import _time_stuck
 
 ROOT = Path(__file__).parents[2]
 
-HOME = {"toolbox/measuring/judge.py", "toolbox/measuring/verdict.py"}
-"""The files that may say from which time in stick on a contact sticks."""
+HOME = "toolbox/measuring/sticks.py"
+"""The file that defines a stick: its begin and end, its time, and from which time in stick on a contact sticks."""
 
 STATES = ("modelling", "stepping", "translation", "lanes", "contacts", "compilation", "simulation")
 """Rooms in which `sticks` is the mode of a contact at an instant, and no verdict on a run."""
@@ -54,9 +55,28 @@ def test_from_which_time_in_stick_on_a_contact_sticks_is_decided_in_one_place():
     places = []
     for path in [each for room in ("toolbox", "models", "controllers") for each in sorted((ROOT / room).rglob("*.py"))]:
         name = path.relative_to(ROOT).as_posix()
-        if name not in HOME and name.split("/")[1] not in STATES:
+        if name != HOME and name.split("/")[1] not in STATES:
             places += [f"{name}:{line}" for line in thresholds(path)]
     assert places == []
+
+
+def sticks_of_its_own(text: str) -> list[int]:
+    """Lines that read the time in stick of a run, or compare a mode before an event with "stick"."""
+    found = []
+    for node in ast.walk(ast.parse(text)):
+        call = isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "time_in"
+        release = isinstance(node, ast.Compare) and getattr(node.left, "attr", "") == "before"
+        sides = node.args if call else node.comparators if release else []
+        found += [node.lineno] if any(isinstance(each, ast.Constant) and each.value == "stick" for each in sides) else []
+    return found
+
+
+def test_begin_end_and_time_of_sticks_are_measured_in_one_place():
+    places = []
+    for path in [each for room in ("toolbox", "models", "controllers") for each in sorted((ROOT / room).rglob("*.py"))]:
+        places += [f"{path.relative_to(ROOT)}:{line}" for line in sticks_of_its_own(path.read_text(encoding="utf-8"))]
+    assert places == []
+    assert sticks_of_its_own('run.time_in("bit", "stick", after=1.0)\n[e.time for e in run.events if e.before == "stick"]') == [1, 2]
 
 
 def test_the_rule_finds_a_threshold(tmp_path):

@@ -14,6 +14,7 @@ from tests.plants import RIG
 from tests.refusals import refusals
 from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, simulate
 from toolbox.inputs import sine, step
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.closed_loop import as_loop
 from toolbox.modelling.numbers import put_all
 
@@ -157,7 +158,7 @@ def test_a_number_that_only_the_design_knows_designs_the_law_anew():
 def test_a_sample_time_is_a_number_by_which_the_law_is_sampled():
     """Both the clock and the formulas of the law know it."""
     slower = LOOP.at("softtorque.sample_time", "20 ms")
-    assert slower.assembly.clocks == [(0.02, 0.0)] and slower.system.parameter("pi.sample_time") == 0.02
+    assert slower.assembly.clocks == [Clock(0.02)] and slower.system.parameter("pi.sample_time") == 0.02
     assert (
         slower
         == closed_loop(LOOP, SoftTorque(reference="45 rpm"), sample_time="20 ms")
@@ -180,10 +181,10 @@ def test_a_parameter_that_an_input_overrides_says_so():
     assert loop.number("pi.reference").overridden is None
     given = loop.at("top.reference", 6.0)
     assert given.number("pi.reference").overridden == "top.reference" and given.overriding_inputs == {"pi.reference": "top.reference"}
-    assert "pi.reference has no effect, because the input top.reference takes its place" in str(given) and "no effect" not in str(loop)
+    assert "the parameter pi.reference has no effect: the input top.reference overrides it" in str(given) and "no effect" not in str(loop)
     for verb in (lambda: given.varied_number("pi.reference"), lambda: toolbox.sweep(given, {"pi.reference": [5.0, 6.0]}, 1.0)):
         with pytest.raises(
-            SceneError, match=r"`pi.reference` must have an effect to be varied, but the input `top.reference` takes its place"
+            SceneError, match=r"`pi.reference` must have an effect to be varied, but the input `top.reference` overrides it"
         ):
             verb()
 
@@ -192,7 +193,7 @@ def test_a_loop_may_stand_for_its_limit_of_fast_sampling():
     assert not LOOP.continuous_loop.is_sampled and LOOP.is_sampled and LOOP.continuous_loop.controllers == (LOOP.controllers[0].law,)
     rest = equilibrium(LOOP)
     assert rest["top.speed"] == pytest.approx(45 * math.pi / 30, rel=1e-9)
-    with pytest.raises(SceneError, match="must hold laws in their continuous form"):
+    with pytest.raises(SceneError, match="must have continuous controllers"):
         LOOP.unsampled()
     with pytest.raises(SceneError, match="continuous form"):
         _ = closed_loop(RIG, proportional, sample_time=0.1).continuous_loop

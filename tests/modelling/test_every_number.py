@@ -54,19 +54,26 @@ class Varied:
 
 
 STEADY = ("hopf_points", "onset", "severity_map")
-DESIGN = dict.fromkeys(("sensitivity", *STEADY), "only the design of a law knows it, so that no equation of the loop has a slope by it")
+DESIGN = dict.fromkeys(
+    ("sensitivity", *STEADY), "only the design of a controller uses it, so the equations of the loop have no derivative by it"
+)
 SHAPE = dict.fromkeys(("hopf_points", "severity_map"), "it shapes an input in time") | {
-    "onset": "`top.torque` must be a number for an onset", "margins": "must hold a control law",
+    "onset": "`top.torque` must be a number for an onset", "margins": "must contain a controller",
 }  # fmt: skip
-NODE = dict.fromkeys(("sensitivity", "hopf_points", "severity_map"), "a number of a table in time, by which no slope is carried")
+NODE = dict.fromkeys(("sensitivity", "hopf_points", "severity_map"), "a number of a table in time, by which no derivative is computed")
 NODE |= {"onset": SHAPE["onset"], "margins": SHAPE["margins"]}
-NODE |= dict.fromkeys(("sweep", "worst_case"), "`bit.weight` is a table, whose times and values all runs share")
+NODE |= dict.fromkeys(("sweep", "worst_case"), "`bit.weight` is a table, which is the same in all runs")
 MOVING = {**dict.fromkeys(("sensitivity", "hopf_points", "severity_map", "worst_case"), "varies in time"), "onset": SHAPE["onset"]}
-START = dict.fromkeys(STEADY, "it is a start value, of which a motion that has settled knows nothing") | {"worst_case": "give `starts`"}
-CLOCK = {"sensitivity": "by which a run has no slope"}
-NOISE = {"hopf_points": "of which smooth running and cycles without noise know nothing"}
-RESOLUTION = {"hopf_points": "by which the equations of the loop have no slope", "sensitivity": "what is rounded has the derivative 0"}
-OVERRIDDEN = dict.fromkeys(("sensitivity", "sweep", "worst_case", *STEADY), "the input `top.reference` takes its place: vary that one")
+START = dict.fromkeys(STEADY, "it is a start value, which has no influence on steady running and cycles: vary it with `sweep`") | {
+    "worst_case": "give `starts`"
+}
+CLOCK = {"sensitivity": "by which a run has no derivative"}
+NOISE = {"hopf_points": "because they are computed without noise"}
+RESOLUTION = {
+    "hopf_points": "by which the equations of the loop have no derivative",
+    "sensitivity": "a rounded measurement has the derivative 0",
+}
+OVERRIDDEN = dict.fromkeys(("sensitivity", "sweep", "worst_case", *STEADY), "the input `top.reference` overrides it")
 
 NUMBERS = [
     Varied(CONTINUOUS, "top.reference", "input", (8.0, 9.0)),
@@ -184,7 +191,7 @@ def test_cycles_are_followed_through_every_number_that_has_a_slope():
         branch = follow(free, name, (0.98 * value, 1.02 * value), points=2)
         assert branch.parameter == name and len(branch.values) == 2 and branch.loop.number(name).value == pytest.approx(value)
         assert branch.cycles[1].loop.number(name).value == pytest.approx(branch.values[1], rel=1e-12) != value
-    with pytest.raises(SceneError, match="it is a start value, of which a motion that has settled knows nothing"):
+    with pytest.raises(SceneError, match="it is a start value, which has no influence on steady running and cycles: vary it with `sweep`"):
         follow(free, "block.position", (1.0, 2.0))
 
 
@@ -195,15 +202,17 @@ def test_what_a_law_drives_has_no_effect_and_is_said():
         lambda: sweep(loop, {"bit.weight": [9e4, 8e4]}, 1.0),
         lambda: worst_case(loop, 1.0, uncertainty={"bit.weight": 1.1}, starts=[{}]),
     ):
-        with pytest.raises(SceneError, match="`bit.weight` must have an effect to be varied, but a law drives `bit.weight`"):
+        with pytest.raises(
+            SceneError, match="`bit.weight` must have an effect to be varied, but a controller gives the signal `bit.weight`"
+        ):
             verb()
 
 
 def test_a_curve_of_hopf_points_and_a_law_in_python_say_so_too():
-    with pytest.raises(SceneError, match="only the design of a law knows it"):
+    with pytest.raises(SceneError, match="only the design of a controller uses it"):
         hopf_curve(CONTINUOUS, "top.reference", (3.0, 6.0), "softtorque.detuning", [1.0])
     planned = closed_loop(RIG, LinearMPC(reference=8.0), sample_time=0.1, start=TURNING)
-    with pytest.raises(SceneError, match="the law is designed as a function of Python, which all runs share"):
+    with pytest.raises(SceneError, match="the design of this controller is a Python callable, which is the same in all runs"):
         sweep(planned, {"linearmpc.torque_scale": [1e4, 2e4]}, 1.0)
 
 

@@ -131,17 +131,17 @@ VERBS = {
     "explore": lambda kind, loop, name, values: explored(loop, name, values),
 }
 
-DESIGN = "only the design of a law knows it, so that no equation of the loop has a slope by it"
-NOISE = "it is the noise of a sensor, of which smooth running and cycles without noise know nothing"
-STEPS = "it is the step of an encoder, by which the equations of the loop have no slope"
+DESIGN = "only the design of a controller uses it, so the equations of the loop have no derivative by it"
+NOISE = "it is the noise of a sensor, which has no influence on smooth running and cycles, because they are computed without noise: vary it with `sweep`"
+STEPS = "it is the step of an encoder, by which the equations of the loop have no derivative"
 SHAPE = "it shapes an input in time, and steady running has constant inputs"
-NODE = "it is a number of a table in time, by which no slope is carried"
-START = "it is a start value, of which a motion that has settled knows nothing"
+NODE = "it is a number of a table in time, by which no derivative is computed"
+START = "it is a start value, which has no influence on steady running and cycles: vary it with `sweep`"
 LATENESS = "it is jitter, with which a loop has no poles"
 MISSES = "it is a probability of missed samples, with which a loop has no poles"
 NO_PERIOD = "`jitter` and `missed_samples` must be left out"
 MOVING = "must be a number for an onset to exist, but the loop varies it in time"
-TABLE = "`block.attachment` is a table, whose times and values all runs share"
+TABLE = "`block.attachment` is a table, which is the same in all runs"
 GAINS = "must hold gains of the controller that is tuned"
 NO_SLOPE = {"design": DESIGN, "noise": NOISE, "resolution": STEPS, "shape": SHAPE, "node": NODE, "start": START}
 

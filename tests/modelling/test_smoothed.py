@@ -2,7 +2,6 @@
 
 import math
 import pickle
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -10,8 +9,9 @@ import pytest
 
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, Coulomb, TwoDisks, wells
+from tests.mechanisms import Ball
 from tests.plants import BELT
-from toolbox import Component, Equations, SceneError, UnilateralContact, compose, linearise, quantity, simulate, state
+from toolbox import SceneError, compose, linearise, simulate
 from toolbox.errors import AccuracyError
 from toolbox.modelling import smoothed
 from toolbox.simulation import Smoothing
@@ -131,15 +131,6 @@ def test_the_dial_finds_the_width_and_reports_the_error_that_was_made(accuracy):
 
 
 def test_what_cannot_be_smoothed_or_reached_says_so():
-    @dataclass(frozen=True)
-    class Ball(Component):
-        restitution: float = quantity(0.5, "1")
-
-        def equations(self, signal):
-            x, v = state("ball.height", "m"), state("ball.speed", "m/s")
-            floor = UnilateralContact("floor", -x, -v, restitution=self.restitution)
-            return Equations(flow={x: v, v: floor.force - 10.0}, elements=[floor])
-
     with pytest.raises(SceneError, match="The rigid contact `floor` cannot be smoothed: give it a `stiffness`"):
         simulate(compose(Ball()), 1.0, method="smoothed")
     with pytest.raises(SceneError, match="Argument `width.belt` must be > 0 m/s, but it is 0.0"):

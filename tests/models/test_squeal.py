@@ -35,6 +35,14 @@ def test_springs_along_and_across_the_disc_couple_no_modes():
     assert dataclasses.replace(PAD, angle=(0.0, math.pi / 2)).flutter_friction() == math.inf  # cos(pi / 2) is 6e-17
 
 
+@pytest.mark.parametrize("wrong", [{"stiffness": (-1.0, 2.0)}, {"stiffness": (1.0,)}, {"mass": 0.0}, {"damping": -1.0}])
+def test_a_pad_with_a_number_out_of_bounds_has_no_modes(wrong):
+    pad = dataclasses.replace(PAD, **wrong)
+    for asked in (pad.flutter_friction, lambda: pad.modes((0.3,)), lambda: compose(pad)):
+        with pytest.raises(SceneError, match=r"`(pad\.)?(stiffness|angle|mass|damping)`?.* must"):
+            asked()
+
+
 def test_the_default_pad_without_damping_flutters_beyond_three_quarters():
     # k_xx = k_yy = 2, k_xy = 1, k_c = 4/3: s^2 = -2 +- sqrt(1 - 4 mu / 3)
     bare = dataclasses.replace(PAD, damping=0.0)

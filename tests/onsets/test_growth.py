@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 from controllers import PI, ImplicitSlidingMode, Lifting, SlidingMode, SoftTorque, SuperTwisting
 from models import BitRock, TorsionalChain, wells
 from toolbox import Sampled, closed_loop, compose, hopf_curve, hopf_points, onset
+from toolbox.modelling.clocks import Clock
 from toolbox.onsets.growth import SmoothBranch
 from toolbox.onsets.sampled_map import section
 from toolbox.onsets.search import OnsetSearch
@@ -240,7 +241,7 @@ def test_noise_is_left_out_of_the_growth():
 
 
 def test_the_map_begins_where_no_sample_is_taken_and_none_arrives():
-    phase, common = section([(0.01, 0.0), (0.004, 0.003)])
+    phase, common = section([Clock(0.01), Clock(0.004, 0.003)])
     assert common == pytest.approx(0.02)
     marks = [k * 0.01 for k in range(3)] + [k * 0.004 for k in range(6)] + [k * 0.004 + 0.003 for k in range(6)]
     assert min(abs(phase - mark) for mark in marks) > 2e-4

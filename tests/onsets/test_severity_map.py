@@ -243,9 +243,8 @@ def test_an_interrupted_map_goes_on_where_it_was(law, tmp_path, monkeypatch):
     loop, arguments = closed_loop(RIG, law), {"shape": (4, 3), "halvings": 2}
     whole = severity_map(loop, OVER, **arguments, checkpoint=tmp_path / "map")
     journal = tmp_path / "map" / "runs.jsonl"
-    lines = journal.read_bytes().splitlines(keepends=True)
+    lines = cut_in_half(journal)
     assert len(lines) == 1 + whole.runs
-    journal.write_bytes(b"".join(lines[: len(lines) // 2]) + lines[len(lines) // 2][:20])  # killed while it wrote
     done = []
     monkeypatch.setattr(Job, "__call__", lambda job, own=Job.__call__: (done.append(job), own(job))[1])
     again = severity_map(loop, OVER, **arguments, checkpoint=tmp_path / "map")
@@ -257,6 +256,31 @@ def test_an_interrupted_map_goes_on_where_it_was(law, tmp_path, monkeypatch):
         SceneError, match="Argument `checkpoint` must come from a search with the same arguments.*another `shape`. Name another"
     ):
         severity_map(loop, OVER, **{**arguments, "shape": (3, 3)}, checkpoint=tmp_path / "map")
+
+
+def cut_in_half(journal):
+    """The lines of a journal, of which the file keeps the first half and a beginning: it was killed while it wrote."""
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(lines[: len(lines) // 2]) + lines[len(lines) // 2][:20])
+    return lines
+
+
+@pytest.mark.parametrize("law", [StiffPI(), Sampled(StiffPI(), 0.01, delay=0.015)], ids=["continuous", "late"])
+def test_an_interrupted_onset_goes_on_where_it_was(law, tmp_path, monkeypatch):
+    loop, arguments = closed_loop(RIG, law), {"parameter": "top.reference", "num_values": 4, "checkpoint": tmp_path / "onset.jsonl"}
+    whole = onset(loop, bounds=(8.0, 14.0), **arguments)
+    lines = cut_in_half(tmp_path / "onset.jsonl")
+    assert len(lines) == 1 + whole.runs
+    done = []
+    monkeypatch.setattr(Job, "__call__", lambda job, own=Job.__call__: (done.append(job), own(job))[1])
+    again = onset(loop, bounds=(8.0, 14.0), **arguments)
+    assert len(done) == whole.runs - (len(lines) // 2 - 1)
+    assert (tmp_path / "onset.jsonl").read_bytes() == b"".join(lines)
+    assert str(again) == str(whole) and again.end == whole.end
+    with pytest.raises(
+        SceneError, match="Argument `checkpoint` must come from a search with the same arguments.*another `bounds`. Name another"
+    ):
+        onset(loop, bounds=(8.0, 13.0), **arguments)
 
 
 def test_the_command_maps_a_scene(tmp_path, capsys):

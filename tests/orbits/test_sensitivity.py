@@ -306,9 +306,9 @@ test_wrong_uses_are_refused_in_these_words = refusals(
     (lambda: sensitivity(simulate(compose(wells.JANSEN_2), 1.0), "chain.inertia"), "one number, but it has 2 entries"),
     (lambda: sensitivity(simulate(BELT, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force"), "varies in time"),
     (lambda: sensitivity(simulate(compose(wells.JANSEN_2), 1.0, controller=StiffPI(), inputs={"top.reference": 8.0}), "pi.reference"),
-     r"`pi\.reference` must have an effect to be varied, but the input `top\.reference` takes its place"),
+     r"`pi\.reference` must have an effect to be varied, but the input `top\.reference` overrides it"),
     (lambda: sensitivity(simulate(BELT, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force.at"),
-     "a number of a table in time, by which no slope is carried"),
+     "a number of a table in time, by which no derivative is computed"),
 )  # fmt: skip
 
 
@@ -318,7 +318,7 @@ def test_an_input_that_nobody_gives_has_the_derivatives_of_its_default():
     assert found[0] == pytest.approx(sensitivity(drilled, "pi.reference").end("top.speed")[0], rel=1e-9) and found[0] > 0.1
     given = simulate(RIG, 3.0, controller=StiffPI(), inputs={"bit.weight": drilled.run.loop.number("bit.weight").value})
     assert found[1] == pytest.approx(sensitivity(given, "bit.weight").end("top.speed")[0], rel=1e-9)
-    with pytest.raises(SceneError, match=r"the input `top\.reference` takes its place"):
+    with pytest.raises(SceneError, match=r"the input `top\.reference` overrides it"):
         sensitivity(drilled, ("top.reference", "pi.reference"))
 
 

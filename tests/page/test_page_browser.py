@@ -11,7 +11,7 @@ import pytest
 
 from toolbox import Scene
 from toolbox.commands.terminal import otherwise
-from toolbox.onsets.study import verdict_of
+from toolbox.onsets.verdicts import verdict_of
 from toolbox.page import explore
 
 playwright = pytest.importorskip(

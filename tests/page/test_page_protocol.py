@@ -23,7 +23,7 @@ from toolbox import Scene, closed_loop, measure, simulate
 from toolbox.commands.command_line import main
 from toolbox.errors import SceneError
 from toolbox.messages import step_here
-from toolbox.onsets.study import verdict_of, words_of
+from toolbox.onsets.verdicts import verdict_of, words_of
 from toolbox.page import answers, explore, maps
 from toolbox.page.controls import controls_of
 from toolbox.page.served import SOON, page_of
@@ -201,7 +201,7 @@ def test_text_with_a_unit_is_understood_and_what_is_wrong_is_said(page):
 
 def test_a_number_that_an_input_takes_the_place_of_is_told_with_the_reason(page):
     found = ask(page, "further", setting={"label": "stiff PI", "changes": {"top.reference": 12.0}})
-    assert "`top.reference` takes its place" in found["without"]["pi.reference"]
+    assert "`top.reference` overrides it" in found["without"]["pi.reference"]
     one, other = ({"top.reference": 12.0, "pi.reference": value} for value in (5.0, 9.0))
     assert run(page, "stiff PI", one)["print"] == run(page, "stiff PI", other)["print"]
     assert found["inexact"] < 1e-4 and len(found["poles"]) >= 4 and "stable" in found["poles_words"]

@@ -15,7 +15,7 @@ import pytest
 from tests.public import PUBLIC, docstring
 
 ROOT = Path(__file__).parents[2]
-CLASSES_WITHOUT_EXAMPLE = 13
+CLASSES_WITHOUT_EXAMPLE = 1
 """Public classes whose docstring has no example: a number that may only fall."""
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?")
@@ -99,6 +99,41 @@ def test_a_public_function_describes_its_parameters_where_they_stand(name):
     assert elsewhere is None, f"{name}: say it here: {elsewhere[0].strip()}"
     returned = inspect.signature(FUNCTIONS[name]).return_annotation
     assert returned in ("None", "NoReturn", None) or section(text, "Returns"), f"{name} does not say what it returns"
+
+
+def described(text):
+    """{parameter: its description} in the section Parameters of a docstring."""
+    found, heads = {}, []
+    for line in section(text, "Parameters").splitlines():
+        heads = [head.strip(" *") for head in line.split(",")] if line[:1].strip() else heads
+        for head in heads:
+            found[head] = found.get(head, "") + line + "\n"
+    return found
+
+
+def documented():
+    """{name: public function, or public method with a docstring of its own}."""
+    for name, thing in PUBLIC.items():
+        members = (
+            {"": thing} if inspect.isfunction(thing) else {f".{key}": getattr(each, "__func__", each) for key, each in vars(thing).items()}
+        )
+        for key, member in members.items():
+            if inspect.isfunction(member) and member.__doc__ and not key.startswith("._"):
+                yield f"{name}{key}", member
+
+
+@pytest.mark.parametrize(("name", "function"), [pytest.param(*each, id=each[0]) for each in documented()])
+def test_every_parameter_is_described_and_every_default_is_said(name, function):
+    told = described(inspect.cleandoc(function.__doc__))
+    given = [each for each in inspect.signature(function).parameters.values() if each.name not in ("self", "cls", *FORMER)]
+    named = [each.name for each in given if each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)]
+    assert set(named) <= told.keys(), f"{name} does not describe {', '.join(each for each in named if each not in told)}"
+    silent = [each.name for each in given if each.default is not each.empty and "efault" not in told[each.name]]
+    assert not silent, f"{name} does not say the default of {', '.join(silent)}"
+
+
+FORMER = ("former_names", "former_positional")
+"""Arguments that only refuse old names."""
 
 
 def row_of_docstring(function):

@@ -14,7 +14,7 @@ from controllers import SoftTorque
 from models import BitRock, wells
 from studies.questions import pictures
 from toolbox import Component, Equations, compose, measure, quantity, simulate
-from toolbox.onsets import study
+from toolbox.onsets import verdicts
 from toolbox.scenes.scene import Scene
 from toolbox.scenes.verdict_table import table
 
@@ -69,7 +69,7 @@ def test_the_table_of_the_readme_is_that_of_the_study(readme, root):
     shown = re.search(r"```text\n(Four-inertia rig.*?)\n\nFigures, ", readme, re.DOTALL)[1]
     scene = Scene.load(root / "studies" / "scenes" / "navarro_lopez_4.toml")
     labels = [line.partition("  ")[0] for line in shown.splitlines()[6:]]
-    same(shown, table(scene, [study.verdict_row(scene, label)[0] for label in labels]))
+    same(shown, table(scene, [verdicts.verdict_row(scene, label)[0] for label in labels]))
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ LISTED = {
     r"Figure \d+\. ": "figures are counted on the page",
     r"unknown +unit +mean +deviation +5 % +95 % +before$": "quantiles are named by a heading",
     r"Sources: Navarro-Lopez and Cortes \(2007\)\.$": "the year of what the numbers of the machine come from",
-    r"Holds for: ": "the situation stands in no table; `tests/robustness/test_starts.py` derives its numbers",
+    r"Holds for: |This holds for ": "the situation stands in no table; `tests/robustness/test_starts.py` derives its numbers",
     r"Lowest set-points at which a controller ends the stick-slip under stiff PI \(60 to 140 rpm, steps of 10 rpm\)$": "what was asked for",
 }
 """{lines: why their numbers stand in no file}."""
@@ -157,10 +157,15 @@ def of_study(results):
     folder = results / "study"
     scene = tomllib.loads((folder / "scene.toml").read_text())
     rules = [(".* judged from ", [scene["verdict"]["after"], scene["duration"], scene["reference"]])]
+    errors, free, sticking = [], [], []
     for row in rows_of(folder / "table.csv"):
         settled = [float(row["settling"]), float(row["overshoot"])] if row["settling"] != "inf" else []
         values = [float(row[name]) for name in ("stuck", "severity", "peak", "error")]
         rules.append((f"{row['controller']} +{row['verdict']} ", [*values[:2], *settled, *values[2:]]))
+        price = [100.0 * settled[1], settled[0]] if settled else []  # the first page names percent and kN m in the heads of its columns
+        rules.append((f"{row['controller']} +{row['verdict']} ", [*price, values[2] / 1000.0]))
+        errors.append(values[3])
+        (free if settled else sticking).append([*([settled[1]] if settled else []), values[2]])
         with np.load(folder / f"{row['files']}.npz") as run:  # and the table is that of the traces
             sampled = np.abs(run["step.top.torque"]).max()
             assert sampled <= values[2] * (1.0 + 1e-12) and values[2] == pytest.approx(
@@ -174,6 +179,9 @@ def of_study(results):
                 if after == "stick":
                     begins = time
             assert values[0] == pytest.approx(stuck, abs=1e-9)
+    (own,), (other,) = free, sticking  # the sentences of the first page
+    rules.append(("Price: overshoot ", [*own, *other]))
+    rules.append(("How sure: one run ", [max(errors)]))
     return folder, rules
 
 

@@ -508,7 +508,7 @@ def test_parameters_move_the_plant_and_not_the_law(rig):
 
 
 def test_mistakes_are_told(rig):
-    with pytest.raises(SceneError, match="must hold a control law"):
+    with pytest.raises(SceneError, match="must contain a controller"):
         margins(rig)
     with pytest.raises(SceneError, match="one period"):
         margins(

@@ -48,6 +48,8 @@ standstill_speed = 0.1
 file = "log.csv"
 columns = { time = "Time" }
 windows = [["5 s", "35 s"]]
+[units]
+"N" = "klbf"
 """
 
 
@@ -61,7 +63,7 @@ def test_every_key_is_read(tmp_path):
     scene = written(WHOLE, tmp_path)
     listed = {name for table in keys.KEYS if table != keys.CONTACTS for name in keys.names(table)}
     assert listed == {line.split(" = ")[0] for line in WHOLE.splitlines() if " = " in line and not line.startswith('"')} - {"weight", "detuning"} | {
-        "plant", "controllers", "start", "parameters", "verdict", "measured",
+        "plant", "controllers", "start", "parameters", "verdict", "measured", "units",
     }  # fmt: skip
     assert (
         scene.measured == Measured((tmp_path / "log.csv").resolve(), {"time": "Time"}, ((5.0, 35.0),))
@@ -70,6 +72,18 @@ def test_every_key_is_read(tmp_path):
         and scene.standstill_speed == 0.1
         and scene.parameters == {"bit.friction.static": 0.7}
     )
+
+
+def test_a_scene_shows_its_units_and_keeps_them_in_its_file(tmp_path):
+    scene = written(WHOLE.replace('"N" = "klbf"', '"N" = "klbf"\n"m/s" = "km/h"'), tmp_path)
+    assert (scene.display_units["rad/s"], scene.display_units["N"], scene.display_units["m/s"]) == ("rpm", "klbf", "km/h")
+    again = Scene.load(scene.save(tmp_path / "saved.toml"))
+    shown = {unit: other for unit, other in scene.display_units.items() if unit != other}
+    assert again == scene and again.display_units == shown
+    assert again["soft torque"].display_units["rad/s"] == "rpm"
+    for wrong, why in (('"N" = "bar"', "must be in N"), ('"bogus" = "km"', "`bogus` is none"), ('"N" = 3', "units.N")):
+        with pytest.raises(SceneError, match=why):
+            written(WHOLE.replace('"N" = "klbf"', wrong), tmp_path)
 
 
 def test_without_its_optional_keys_a_scene_has_the_defaults_that_are_listed(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 
 from models import BlockOnBelt, Dahl, GuideContact, LuGre
 from toolbox import Scene, compose, measure
-from toolbox.onsets.study import verdict_row
+from toolbox.onsets.verdicts import verdict_row
 from toolbox.scenes.verdict_table import table
 
 

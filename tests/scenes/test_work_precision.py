@@ -1,27 +1,21 @@
 """What accuracy costs: the table is honest about its truth, methods converge in it, and the command writes what it prints."""
 
 import csv
-from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 import pytest
 
 from models import BitRock, TorsionalChain, wells
 from studies.benchmarks import tradeoff
 from studies.benchmarks.cases import cases
+from tests.mechanisms import Ball, Hertz
 from tests.plants import BELT
 from toolbox import (
-    Component,
-    Equations,
     Scene,
     SceneError,
-    UnilateralContact,
     closed_loop,
     compose,
-    quantity,
     simulate,
-    state,
     work_precision,
 )
 from toolbox.commands.command_line import main
@@ -65,12 +59,6 @@ def test_a_trade_prints_draws_and_saves_every_point(trade, tmp_path):
 
 
 def test_steps_that_stand_in_for_taylor_series_do_not_count_as_such():
-    @dataclass(frozen=True)
-    class Hertz(Component):
-        def equations(self, signal):
-            x, v = state("ball.depth", "m"), state("ball.speed", "m/s")
-            return Equations(flow={x: v, v: 1.0 - 50.0 * ca.fmax(x, 0.0) ** 1.5})  # no series where the contact closes
-
     trade = work_precision(
         closed_loop(compose(Hertz()), start={"ball.depth": -0.5}), 5.0, methods=("taylor", "explicit"), accuracies=(1e-6,), repeats=1
     )
@@ -94,15 +82,6 @@ def test_levels_of_detail_are_compared_by_what_they_have_in_common():
 
 
 def test_a_setting_that_fails_is_a_line_of_the_table():
-    @dataclass(frozen=True)
-    class Ball(Component):
-        restitution: float = quantity(0.5, "1")
-
-        def equations(self, signal):
-            x, v = state("ball.height", "m"), state("ball.speed", "m/s")
-            floor = UnilateralContact("floor", -x, -v, restitution=self.restitution)
-            return Equations(flow={x: v, v: floor.force - 10.0}, elements=[floor])
-
     trade = work_precision(closed_loop(compose(Ball()), start={"ball.height": 1.0}), 1.0, methods=("smoothed",), widths=(1e-3,), repeats=1)
     assert trade.points[0].failed == "The rigid contact `floor` cannot be smoothed: give it a `stiffness` in place of a restitution."
     assert "cannot be smoothed" in str(trade)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from models import Coulomb
+from tests.mechanisms import Ball
 from toolbox import (
     Component,
     Controller,
@@ -32,20 +33,6 @@ METHODS = ("event", "taylor", "explicit", "stiff")
 METHOD = pytest.mark.parametrize("method", METHODS)
 
 
-@dataclass(frozen=True)
-class Ball(Component):
-    """A body on a rigid floor under gravity and a push."""
-
-    restitution: float = quantity(0.5, "1", at_least=0, at_most=1)
-    gravity: float = quantity(9.81, "m/s2", above=0)
-    mass: float = quantity(1.0, "kg", above=0)
-
-    def equations(self, signal):
-        x, v = state("ball.height", "m"), state("ball.speed", "m/s")
-        floor = UnilateralContact("floor", -x, -v, restitution=self.restitution)
-        return Equations({x: v, v: (signal("ball.push", "N", default=0.0) + floor.force) / self.mass - self.gravity}, elements=[floor])
-
-
 # --- rest
 
 
@@ -54,7 +41,7 @@ class Ball(Component):
 def test_a_ball_rests_after_the_sum_of_its_flights_however_long_the_run(restitution, method):
     # t = sqrt(2 h / g) (1 + 2 e + 2 e^2 + ...)
     rest = math.sqrt(2.0 / 9.81) * (1.0 + restitution) / (1.0 - restitution)
-    plant = compose(Ball(restitution=restitution))
+    plant = compose(Ball(restitution, gravity=9.81))
     for duration in (1.5 * rest, 60.0 + rest, 1e3, 1e6, 1e9):
         run = simulate(plant, duration, start={"ball.height": 1.0}, method=method)
         assert run.events[-1].after == "closed"
@@ -83,7 +70,7 @@ def test_the_rest_scales_with_the_units_of_length_time_and_mass(length, time, ma
 @METHOD
 def test_a_ball_at_rest_is_lifted_when_the_push_reaches_its_weight_wherever_the_run_is_cut(method):
     # push = 5 N/s t: it leaves at t* = m g / 5, and then m x'' = 5 (t - t*)
-    plant, leaves = compose(Ball()), 9.81 / 5.0
+    plant, leaves = compose(Ball(gravity=9.81)), 9.81 / 5.0
     arguments = {"inputs": {"ball.push": ([0.0, 10.0], [0.0, 50.0])}, "method": method}
     starts = [{"ball.height": 0.0}, {"ball.height": 1e-3}]  # the second bounces until 0.04 s
     for start in starts:
@@ -98,7 +85,7 @@ def test_a_ball_at_rest_is_lifted_when_the_push_reaches_its_weight_wherever_the_
 
 
 def test_start_values_on_the_floor_rest_there_in_the_stepper_too():
-    machine = stepper(closed_loop(compose(Ball()), start={"ball.height": 0.0}), 0.1, inputs="ball.push", outputs="ball.height")
+    machine = stepper(closed_loop(compose(Ball(gravity=9.81)), start={"ball.height": 0.0}), 0.1, inputs="ball.push", outputs="ball.height")
     assert [float(machine.step(5.0)[0]) for _ in range(20)] == [0.0] * 20
     assert not machine.events
     height = float(machine.step(19.81)[0])  # more than its weight by 10 N for a step
@@ -217,7 +204,7 @@ def test_a_contact_that_a_changed_number_tears_loose_at_the_cut_is_listed_there(
 @METHOD
 def test_an_impact_of_another_body_leaves_a_slide_in_two_directions_as_it_is(method):
     # the block slides straight along its second axis, or backwards along the first, and stops at u / 0.5 whatever the ball does
-    plant = compose(Ball(), replace(Pulled(directions=2)))
+    plant = compose(Ball(gravity=9.81), replace(Pulled(directions=2)))
     for speed in ((0.0, 0.7), (-0.7, 0.0), (-0.42, 0.56)):
         run = simulate(plant, 3.0, start={"ball.height": 1.0, "block.speed": speed}, method=method)
         own = [(event.before, event.after) for event in run.events if event.element == "element"]

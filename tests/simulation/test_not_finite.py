@@ -14,8 +14,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from tests.mechanisms import Tank
 from toolbox import (
-    Component,
     Controller,
     Equations,
     Sampled,
@@ -36,14 +36,6 @@ from toolbox.sweeps.designs import grid
 from toolbox.sweeps.variants import shared_run, varied_numbers
 
 PERIOD = 0.01
-
-
-@dataclass(frozen=True)
-class Tank(Component):
-    """x' = u."""
-
-    def equations(self, signal):
-        return Equations(flow={state("tank.level", "m"): signal("tank.inflow", "m/s", default=0.0)})
 
 
 @dataclass(frozen=True)

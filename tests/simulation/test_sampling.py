@@ -13,6 +13,7 @@ import pytest
 
 from controllers import PI, SlidingMode, SoftTorque
 from models import BitRock, Coulomb, wells
+from tests.mechanisms import Tank
 from tests.plants import RIG
 from tests.refusals import each_of, refusals
 from toolbox import (
@@ -30,15 +31,6 @@ from toolbox import (
     state,
 )
 from toolbox.inputs import step
-
-
-@dataclass(frozen=True)
-class Tank(Component):
-    """x' = u: what a held input does to it is a straight line."""
-
-    def equations(self, signal):
-        x = state("tank.level", "m")
-        return Equations(flow={x: signal("tank.inflow", "m/s", default=0.0)})
 
 
 @dataclass(frozen=True)

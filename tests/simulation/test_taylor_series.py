@@ -10,10 +10,10 @@ import pytest
 
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, TorsionalChain, TwoDisks, wells
-from toolbox import Component, DryFriction, Equations, SceneError, compose, measure, quantity, sensitivity, simulate, state, time
+from tests.mechanisms import Hertz, Swing
+from toolbox import Component, DryFriction, Equations, SceneError, compose, measure, sensitivity, simulate, state, time
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.inputs import sine
-from toolbox.modelling import Hysteresis
 from toolbox.simulation import TaylorSeries
 
 ROCK = BitRock(weight=97_000.0)
@@ -55,37 +55,25 @@ def test_the_accuracy_asked_is_kept_with_the_switches_of_explicit_steps(name):
 def test_the_error_falls_with_the_accuracy_at_every_order(order):
     """The free oscillator x = cos t over twenty periods, against its closed form."""
 
-    plant = compose(Oscillator())
+    plant = compose(Swing())
     errors = []
     for accuracy in (1e-4, 1e-7, 1e-10):
-        run = simulate(plant, 40 * np.pi, method=TaylorSeries(order), accuracy=accuracy, start={"oscillator.x": 1.0})
+        run = simulate(plant, 40 * np.pi, method=TaylorSeries(order), accuracy=accuracy, start={"swing.x": 1.0})
         times = np.linspace(0.0, 40 * np.pi, 333)
-        errors.append(np.abs(run.at(times)["oscillator.x"] - np.cos(times)).max())
+        errors.append(np.abs(run.at(times)["swing.x"] - np.cos(times)).max())
     assert all(error < 10 * accuracy for error, accuracy in zip(errors, (1e-4, 1e-7, 1e-10), strict=True))
     assert errors[2] < 1e-2 * errors[0]
-
-
-@dataclass(frozen=True)
-class Oscillator(Component):
-    """x'' = -x with a switch that is on above a height."""
-
-    high: float = quantity(0.9999, "1", "height above which the switch is on")
-
-    def equations(self, signal):
-        x, v = state("oscillator.x", "1"), state("oscillator.v", "1/s")
-        switch = Hysteresis("switch", x, self.high, self.high)
-        return Equations(flow={x: v, v: -x}, elements=[switch])
 
 
 @pytest.mark.parametrize(("high", "passes"), [(0.99, True), (0.9999, True), (1.0 - 1e-7, True), (1.0 + 1e-6, False)])
 def test_a_guard_that_dips_within_a_long_step_is_found(high, passes):
     """x = cos t stays above 1 - 1e-7 for 9e-4 of a step of one, once in every period, and 1 + 1e-6 is never reached."""
     run = simulate(
-        compose(Oscillator(high=high)),
+        compose(Swing(high=high)),
         20 * np.pi + 1.0,
         method=TaylorSeries(24),
         accuracy=1e-9,
-        start={"oscillator.x": 0.0, "oscillator.v": 1.0},
+        start={"swing.x": 0.0, "swing.v": 1.0},
     )
     times = np.array([event.time for event in run.events])
     if not passes:
@@ -156,20 +144,11 @@ def test_a_paused_run_goes_on_with_the_same_bits():
     np.testing.assert_array_equal(whole.time, paused.time)
 
 
-@dataclass(frozen=True)
-class Ball(Component):
-    """A mass between a force and a Hertz contact, whose force grows as depth^1.5 and has no series where the contact closes."""
-
-    def equations(self, signal):
-        x, v = state("ball.depth", "m"), state("ball.speed", "m/s")
-        return Equations(flow={x: v, v: 1.0 - 50.0 * ca.fmax(x, 0.0) ** 1.5})
-
-
 def test_where_a_series_ends_explicit_steps_take_over_and_say_so():
     start = {"ball.depth": -0.5}
-    run = simulate(compose(Ball()), 5.0, method="taylor", start=start)
+    run = simulate(compose(Hertz()), 5.0, method="taylor", start=start)
     assert "no Taylor series at t = " in run.why
-    assert run.difference(simulate(compose(Ball()), 5.0, method="explicit", start=start, accuracy=1e-9)) < 1e-5
+    assert run.difference(simulate(compose(Hertz()), 5.0, method="explicit", start=start, accuracy=1e-9)) < 1e-5
 
 
 def test_a_plant_whose_series_would_be_too_long_is_stepped_by_explicit_formulas(caplog):

@@ -1,6 +1,8 @@
 """Records of long chains: not every step is a node, and what is between two nodes is as exact as if it were."""
 
+import gc
 import pickle
+import weakref
 
 import numpy as np
 import pytest
@@ -72,3 +74,27 @@ def test_without_many_states_every_step_is_a_node(string, monkeypatch):
     monkeypatch.setattr(thin_records, "MOST", 40_000)
     run = simulate(string, 400.0, inputs=JUMPING, method="explicit")
     assert run.passed.size == 0 and run.every_step is run
+
+
+READS = {
+    "every step": lambda run: run.every_step,
+    "a measure": lambda run: measure.severity(run, "bit.speed"),
+    "its events": lambda run: (run.events, run.last),
+    "its error": lambda run: run.error_estimate,
+    "a signal": lambda run: run["bit.speed"],
+}
+
+
+@pytest.mark.parametrize("output_times", [None, np.linspace(0.0, 20.0, 201)], ids=["every step recorded", "output times"])
+@pytest.mark.parametrize("read", READS)
+def test_a_run_leaves_memory_with_its_last_reference(string, read, output_times):
+    """A study of a long string makes a thousand runs of 10 MB: a run that held itself would stay until Python looks for such circles."""
+    run = simulate(string, 20.0, inputs={"top.torque": 11_000.0}, output_times=output_times)
+    READS[read](run)
+    gone = weakref.ref(run)
+    gc.disable()
+    try:
+        del run
+        assert gone() is None
+    finally:
+        gc.enable()

@@ -11,6 +11,7 @@ import pytest
 from controllers import PI
 from models import BitRock, Coulomb, TorsionalChain, wells
 from studies.benchmarks import reference
+from tests.mechanisms import Ball
 from tests.plants import BELT
 from toolbox import (
     Component,
@@ -44,18 +45,6 @@ class Oscillator(Component):
     def equations(self, signal):
         x, v = state("mass.position", "m"), state("mass.speed", "m/s")
         return Equations(flow={x: v, v: -x - 2 * self.damping * v + ca.sin(time)})
-
-
-@dataclass(frozen=True)
-class Ball(Component):
-    """A ball on a floor with Newton's restitution, g = 10 m/s2."""
-
-    restitution: float = quantity(0.5, "1", at_least=0, at_most=1)
-
-    def equations(self, signal):
-        x, v = state("ball.height", "m"), state("ball.speed", "m/s")
-        floor = UnilateralContact("floor", -x, -v, restitution=self.restitution)
-        return Equations(flow={x: v, v: floor.force - 10.0}, elements=[floor])
 
 
 def slope(steps, errors):

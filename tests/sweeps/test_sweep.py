@@ -24,6 +24,7 @@ import pytest
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, Exponential, LuGre, TorsionalChain, WhirlingCollar, wells
 from tests.dropping import Dropping
+from tests.mechanisms import Oscillator
 from tests.plants import RIG
 from tests.together import together
 from toolbox import (
@@ -53,17 +54,6 @@ SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 
 
 @dataclass(frozen=True)
-class Spring(Component):
-    """x'' = -w^2 x, so that x = x_0 cos w t."""
-
-    frequency: float = quantity(2.0, "rad/s", "natural frequency w", above=0)
-
-    def equations(self, signal):
-        x, v = state("mass.position", "m"), state("mass.speed", "m/s")
-        return Equations(flow={x: v, v: -(self.frequency**2) * x}, outputs={"mass.square": (x * x, "m2")})
-
-
-@dataclass(frozen=True)
 class Growth(Component):
     """x' = a x^2, so that x = 1/(1/x_0 - a t)."""
 
@@ -76,7 +66,7 @@ class Growth(Component):
 
 def test_measures_of_a_harmonic_motion_are_those_on_paper():
     w, after, until = np.array([1.0, 2.0, 7.3]), 3.21, 9.87
-    found = sweep(closed_loop(compose(Spring()), start={"mass.position": 1.0}), {"mass.frequency": w}, duration=10.0, accuracy=1e-10, metrics={
+    found = sweep(closed_loop(compose(Oscillator()), start={"mass.position": 1.0}), {"mass.frequency": w}, duration=10.0, accuracy=1e-10, metrics={
             "mean": metrics.mean("mass.position", after, until), "high": metrics.maximum("mass.square"), "low": metrics.minimum("mass.position"),
             "square": metrics.mean("mass.square", after, until), "end": metrics.final("mass.speed"),
         })  # fmt: skip
@@ -656,8 +646,8 @@ def test_a_scene_brings_its_controller_its_window_and_its_inputs():
     [
         ({"bit.wait": [1.0]}, "There is no number `bit.wait` in this loop: did you mean `bit.weight`"),
         ({"bit.weight": [1e3, -1.0]}, r"Argument `bit.weight` must be >= 0 N, but it is -1.0"),
-        ({"bit.weight": [1e3, math.nan]}, "Argument `bit.weight` must be a row of finite numbers"),
-        ({"bit.weight": 3.0}, "Argument `bit.weight` must be a row of finite numbers"),
+        ({"bit.weight": [1e3, math.nan]}, "Argument `bit.weight` must be a list of finite numbers"),
+        ({"bit.weight": 3.0}, "Argument `bit.weight` must be a list of finite numbers"),
         ({"chain.inertia": [1.0]}, "`chain.inertia` must be one number, but it has 2 entries: name one"),
         ({"pi.period": [0.01, 0.02]}, "`pi.period` is named `pi.sample_time` now"),
         ({}, "must name at least one number"),
@@ -751,7 +741,7 @@ def test_the_command_takes_designs_and_tables(tmp_path, capsys):
 def test_runs_may_begin_each_in_its_own_state():
     w = np.array([1.0, 2.0, 3.0])
     found = sweep(
-        compose(Spring()), {"mass.frequency": w}, duration=2.0, start=lambda row: {"mass.speed": row["mass.frequency"]}, accuracy=1e-10,
+        compose(Oscillator()), {"mass.frequency": w}, duration=2.0, start=lambda row: {"mass.speed": row["mass.frequency"]}, accuracy=1e-10,
         metrics={"end": metrics.final("mass.position"), "called": lambda run: run["mass.position"][-1]},
     )  # fmt: skip
     np.testing.assert_allclose(found["end"], np.sin(2 * w), atol=1e-8)

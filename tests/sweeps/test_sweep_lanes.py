@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 import pytest
 from scipy.special import j0
@@ -15,29 +13,17 @@ from controllers import PI, StiffPI
 from models import BlockOnBelt, DiscBrake
 from tests.fading_brake import FadingBrake
 from tests.lanes.test_lanes_sample import CHAIN
+from tests.mechanisms import Oscillator
 from tests.plants import RIG
 from tests.sweeps.test_sweep import Growth
 from tests.together import together
-from toolbox import Component, Equations, Sampled, closed_loop, compose, measure, quantity, simulate, state, sweep
+from toolbox import Sampled, closed_loop, compose, measure, simulate, sweep
 from toolbox.lanes.lanes import Lanes
 from toolbox.measuring import metrics
 from toolbox.modelling.inputs import sine
 from toolbox.sweeps import Sweep, batch, store, uniform
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes
 from toolbox.sweeps.variants import shared_run, varied_numbers
-
-
-@dataclass(frozen=True)
-class Oscillator(Component):
-    """x'' = -w^2 x, and a signal cos(k x) that turns much faster than it."""
-
-    frequency: float = quantity(1.0, "rad/s", above=0)
-    waves: float = quantity(40.0, "rad/m", above=0)
-
-    def equations(self, signal):
-        x, v = state("mass.position", "m"), state("mass.speed", "m/s")
-        return Equations(flow={x: v, v: -(self.frequency**2) * x}, outputs={"mass.wave": (ca.cos(self.waves * x), "1")})
-
 
 TORQUE = ([0.0, 9.0, 9.0, 20.0], [0.0, 12e3, 9e3, 14e3])
 # plant, what varies, duration, other arguments, signals, the contact judged

@@ -144,7 +144,10 @@ def chosen(source: Source, where: str, plant: HybridSystem, columns: Mapping[str
             name = column.name
             if plant.has_signal(name):
                 scalar_unit(plant, name)
-            raise SceneError(f"{where} has the unknown column `{name}`: {suggest(name, _names(plant))}")
+            remedy = (
+                f"name the column of each signal, `columns={{signal: {name!r}}}` (`--column SIGNAL={name}`), and all others are left out"
+            )
+            raise SceneError(f"{where} has the unknown column `{name}`: {suggest(name, _names(plant)).rstrip('.')}; {remedy}.")
         found[mine[word]] = (column, column.unit)
     return found
 

@@ -71,34 +71,39 @@ def fit(
     loop
         A loop, or a plant. Measured inputs replace the inputs of the loop.
     data
-        The measurement: a path of a log, a mapping {column: samples}, a table, a run, or a `Recording`.
+        The measurement: the path of a log file, a mapping {column: samples}, a pandas table, a run, or a `Recording`.
     columns
-        {signal: column of the log}. By default columns have the names of signals. `Recording.of` describes the forms.
+        {signal: column of the log}, such as {"bit.speed": "RPM [rpm]"}. By default columns have the names of signals.
     free
-        Names of the unknowns. The first search begins at their values in the loop, and at zero shift. A name is the
-        name of any number of the loop:
+        Names of the unknowns, which are estimated. The first search begins at their values in the loop, and at zero
+        shift. A name is one of these:
 
-        - parameters (`bit.friction.static`), constant inputs (`top.torque`), start values (`bit.speed`,
-          `chain.twist.0`) and so on;
-        - time shifts by which a channel was recorded too late: `bit.speed.shift` of one signal, or `bit.shift` of all
-          measured signals of `bit` that are no inputs.
+        - a parameter (`bit.friction.static`), a constant input (`top.torque`) or a start value (`bit.speed`,
+          `chain.twist.0`) of the loop;
+        - a time shift, by which a channel was recorded too late: `bit.speed.shift` for one signal, or `bit.shift` for
+          all measured signals of `bit` that are no inputs.
     ranges
-        {name: (low, high)}. By default the bounds that the part declares. For a shift by default 5 s or a tenth of the
-        data. Samples that are closer than this to the ends of the data are then not compared.
+        {unknown: (low, high)}, in which its value is searched. By default the bounds of the parameter in its part. For
+        a shift by default 5 s or a tenth of the data. Samples that are closer than the largest shift to the ends of the
+        data are not compared.
     contact
-        Name of a contact, or a `MeasuredContact` with the speed from which on it slips. The friction law of this
-        contact is then fitted directly to measured force and measured slip, without simulation. The slip must be
+        Name of a contact, or a `MeasuredContact` with the speed above which the contact counts as slipping. The friction
+        law of this contact is then fitted directly to measured force and measured slip, without simulation. By default
+        None: the whole loop is simulated.
+
+        The slip must be
         measured well, because its noise is not modelled. A friction law with memory is integrated along the slip, whose
         speed or distance is measured. Its start value, such as `belt.deflection`, may be free.
     window
         Times (begin, end) [s] of the data that are used. Or several windows that are fitted together, each as a
         `Window` if it has numbers of its own. By default all data.
     noise
-        {signal: standard deviation}. Estimated if not given.
+        {measured signal: standard deviation of its noise, in SI}. By default the noise is estimated from the residuals.
     starts
-        Number of searches. Or a `Search` with seed, treatment of outliers, and accuracy of the runs.
+        Number of searches from different start values, by default 4. Or a `Search` with seed, treatment of outliers,
+        and accuracy of the runs.
     confidence
-        Confidence level of the intervals.
+        Confidence level of the intervals, by default 0.95.
     zero_order_hold
         Names of measured inputs that keep the value of a sample until the next one (zero-order hold), such as the
         commands of a digital drive; () for none. All other inputs are interpolated linearly. By default the data

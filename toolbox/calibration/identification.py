@@ -72,31 +72,36 @@ def identify(
     Parameters
     ----------
     data
-        One or several recordings, each in a form that `Recording.of` reads: a path of a log, a mapping, a table.
+        One or several recordings. Each is the path of a log file, a mapping {column: samples}, or a pandas table.
         Several recordings are fitted together. A table without times is read as steady points of speed and force.
     plant
-        "Axis" (m, N) or "Joint" (rad, N m) of `models`, or such a part with other numbers, at which the search begins.
+        "Axis" (default; m and N) or "Joint" (rad and N m). Or an `Axis` or `Joint` of `models` with your own numbers,
+        at which the search begins.
     columns
         {signal: column} for all recordings, such as {"time": "t", "axis.position": "pos [mm]", "axis.force": "F [N]"}.
         If recordings have different headings, give several headings of a signal, such as {"axis.force": ("F [N]",
-        "Kraft [N]")}. In each recording, the first of these headings that exists is read. A signal that a
-        recording does not have is left out, and a force that it does not have is 0. By default columns have the names of signals.
+        "Kraft [N]")}. From each recording the column with the first heading that exists is read. A signal without a
+        column is left out, and a force without a column is 0. By default columns have the names of signals.
     fixed
-        Names of numbers of the part that keep the value of `plant`, such as "axis.mass".
+        Names of numbers of the part that are not estimated, but keep their value in `plant`, such as "axis.mass". By
+        default none.
     delayed_signals
-        Signals with a time shift that is estimated, such as "axis.force". The estimate is the time by which the signal
-        was recorded too late.
+        Signals with a time shift that is estimated, such as "axis.force", by default none. The estimate is the time by
+        which the signal was recorded too late.
     friction
         Friction law. By default the simplest law that the data do not contradict.
     directions
-        Whether friction is estimated separately for both directions. A constant force is then not estimated, because it
-        cannot be distinguished.
+        Whether friction is estimated separately for both directions, by default False. If True, a constant force is not
+        estimated: it cannot be distinguished from different friction in both directions.
     zero_order_hold
-        Inputs that keep their value between samples (zero-order hold); see `fit`.
+        Names of inputs that keep the value of a sample until the next sample (zero-order hold); () for none. All other
+        inputs are interpolated linearly. By default the data decide: an input is held if the outputs support this with
+        odds of at least 150 to 1.
     accepted_flaws
-        Kinds of data flaws that are treated as valid data; see `Recording.of`.
+        Kinds of data flaws that are treated as valid data, such as "clipped" for a drive at its limit. By default none:
+        every flaw is an error, whose message names the kind.
     confidence
-        Confidence level of the intervals.
+        Confidence level of the intervals, by default 0.95.
 
     Returns
     -------

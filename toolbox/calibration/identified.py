@@ -26,19 +26,25 @@ class Identification(Fit):
     `print(found)`, `found.plot()` and `found.plot_residuals()` show the result. `found.plant` is the identified plant, for
     `simulate` and `ClosedLoop`. It has the estimates, and each number that was kept as `found.untold` says.
 
-    A coast-down without a driving force tells only friction over inertia (or mass). The inertia is then kept as declared,
-    and friction over inertia is the estimate of friction divided by the kept inertia.
+    A coast-down without a driving force determines only the ratio of friction and inertia (or mass). The inertia then
+    keeps its value in the part, and only the ratio of the estimated friction and this inertia is meaningful.
 
     Attributes
     ----------
     names, units, values, standard_errors, covariance, confidence, interval_factor
-        Estimates, their standard errors and covariance, as for `Fit`.
+        Names and SI units of the estimates, their values and standard errors, shape (k,), and covariance, shape (k, k).
+        The confidence interval is value +- interval_factor * standard error, at the confidence level `confidence`.
     residuals, panels, misfit, data_description, outliers, initial_mismatch, held
-        Data, and their deviation from the model, as for `Fit`.
+        Deviation of each measured output from the model; measured and fitted values; the model itself; a description of
+        the data; samples that were left out as outliers; deviation of the first samples; and inputs with zero-order
+        hold.
     condition_number, at_bounds, fixed_by, unidentifiable, indistinguishable_friction, sampling_errors
-        Quality of the estimates, as for `Fit`.
+        Condition number of the scaled Jacobian; estimates at a bound; reasons why numbers cannot reach their optimum;
+        numbers without influence; friction law whose static and kinetic friction the data cannot distinguish; and
+        errors due to the sampling of measured inputs.
     agreeing_starts, starts, exact_derivatives
-        Quality of the search, as for `Fit`.
+        Number of searches that ended at this optimum, number of all searches, and whether the derivatives of the model
+        are exact.
     display_units
         {SI unit: unit that was typed}: the units of report and figure.
     untold

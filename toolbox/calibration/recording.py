@@ -138,12 +138,12 @@ class Recording(Result):
             {"time": "Time [DD/MM/YYYY]"}, {"time": "Time [HHMMSS]"}. In a MAT file, a mapping, a table of pandas or a
             run, numbers without a unit are SI.
         nulls
-            Further numbers that mean "no value", in the unit of the log.
+            Further numbers that mean "no value", in the unit of the log, by default none.
         accepted_flaws
-            Kinds of flaws that are valid data here, such as "clipped" for a drive at its limit: null, clipped,
-            drop-out, reversed, outlier.
+            Kinds of flaws that are valid data in this recording, such as "clipped" for a drive at its limit, by default
+            none. The kinds are null, clipped, drop-out, reversed, outlier.
         decimal
-            Decimal separator "," or ".", if the log is ambiguous.
+            Decimal separator "," or ".", if the log is ambiguous. By default the numbers of the log decide.
         zero_order_hold
             Inputs that keep the value of a sample until the next one, such as the commands of a digital drive; () for
             none. By default `fit` estimates which inputs are held.
@@ -180,6 +180,11 @@ class Recording(Result):
         """Return the recording with these inputs, and no others, held between samples (zero-order hold).
 
         Raises SceneError for a channel that is not there.
+
+        Parameters
+        ----------
+        inputs
+            Names of the inputs that are held; () for none.
         """
         return replace(self, held=tuple(self._known(name) for name in names_of(inputs)))
 
@@ -188,7 +193,15 @@ class Recording(Result):
         return replace(self, held=(), stepped=tuple(inputs))
 
     def between(self, begin: NumberOrText, end: NumberOrText) -> Recording:
-        """Return the samples between two times [s]. The time of the result begins at 0."""
+        """Return the samples between two times [s]. The time of the result begins at 0.
+
+        Parameters
+        ----------
+        begin
+            First time [s], or text with a unit.
+        end
+            Last time [s], or text with a unit.
+        """
         begin, end = number("begin", begin, "s"), number("end", end, "s")
         inside = (self.time >= begin) & (self.time <= end)
         if inside.sum() < 3:
@@ -210,7 +223,7 @@ class Recording(Result):
         names
             The signals. By default all.
         max_gap
-            Number of consecutive samples that may be missing.
+            Number of consecutive samples that may be missing, by default 2.
         """
         usual, longest = local_spacing(self.time)
         good = np.all([np.isfinite(self.signals[self._known(name)]) for name in (self.signals if names is None else names)], axis=0)
@@ -256,6 +269,17 @@ class Recording(Result):
 
         The message names the windows without a gap, in times of the whole recording. `what` is the description of the
         signals in the message, and `remedy` an advice at its end.
+
+        Parameters
+        ----------
+        names
+            Names of the signals.
+        what
+            Description of the signals in the message.
+        max_gap
+            Largest allowed gap in samples, by default 2.
+        remedy
+            Advice at the end of the message, by default empty.
         """
         stretches = self.windows(names, max_gap)
         if len(stretches) != 1:
@@ -322,7 +346,7 @@ class Recording(Result):
         name, against
             The channels.
         max_lag
-            Largest shift [s].
+            Largest shift [s], by default 5.
 
         Raises
         ------
@@ -356,6 +380,11 @@ class Recording(Result):
         """Return the recording with some channels moved to earlier times by their shifts, {channel: shift [s]}.
 
         The times of the recording stay the same. A value is nan if its channel has no measurement at the shifted time.
+
+        Parameters
+        ----------
+        shifts
+            {channel: shift [s], or text with a unit}.
         """
         signals = dict(self.signals)
         for name, value in shifts.items():
@@ -405,7 +434,13 @@ class Recording(Result):
         return ", ".join(words)
 
     def found(self, channel: str) -> dict[str, int]:
-        """Return {kind of flaw: number of samples} of a channel, or of "time"."""
+        """Return {kind of flaw: number of samples} of a channel, or of "time".
+
+        Parameters
+        ----------
+        channel
+            Name of the channel, or "time".
+        """
         return {flaw.kind: flaw.count for flaw in self.flaws if flaw.channel == channel}
 
     def plot(self) -> Any:

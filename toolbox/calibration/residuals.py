@@ -24,7 +24,7 @@ from toolbox.calibration.recording import Recording
 from toolbox.calibration.shifts import Shift
 from toolbox.errors import GrazingError, SceneError, SimulationError
 from toolbox.logs.flaws import of_levels
-from toolbox.measuring.measure import stick_intervals
+from toolbox.measuring.sticks import stick_intervals
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Table

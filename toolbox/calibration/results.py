@@ -120,7 +120,13 @@ class Fit(Told, Result):
         return self.names.index(name)
 
     def interval(self, name: str) -> tuple[float, float]:
-        """Return the ends (low, high) of the confidence interval of an estimate."""
+        """Return the ends (low, high) of the confidence interval of an estimate.
+
+        Parameters
+        ----------
+        name
+            Name of the estimate, one of `names`.
+        """
         i = self._place(name)
         half = self.interval_factor * self.standard_errors[i]
         return float(self.values[i] - half), float(self.values[i] + half)

@@ -99,7 +99,7 @@ def validate(
         Times (begin, end) [s] of the data, or several windows. Each window is simulated from the start of the loop
         on. By default all data.
     accuracy
-        Target for the global error of the runs, between 1e-13 and 0.1.
+        Target for the global error of the runs, between 1e-13 and 0.1, by default 1e-8.
 
     Returns
     -------

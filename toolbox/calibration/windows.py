@@ -69,7 +69,7 @@ class Search:
         are left out and reported, if they are at most 1/20 of the samples of a signal. Reason: a few samples with the
         wrong sign would move an estimate by many times its confidence interval. None keeps all samples.
     accuracy
-        Accuracy of the runs, as in `simulate`.
+        Target for the global error of the runs, between 1e-13 and 0.1.
     growing
         Whether a search by simulation goes over a quarter of the data first, then half, then all. False begins with all
         data, for start values near the optimum.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from toolbox.arguments import number
 from toolbox.commands.interrupt import goes_on
 from toolbox.commands.margins import wrong_numbers
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import common, plain, ranges
+from toolbox.commands.terminal import Ended, common, plain, ranges
 from toolbox.errors import SceneError
 
 
@@ -82,10 +81,11 @@ def run(given: argparse.Namespace) -> int:
     if given.out is not None:
         folder_of(given.out)
 
+    ended = None if given.quiet else Ended(labels)
+
     def tell(found: Answers) -> None:
-        if not given.quiet and found.results:
-            label = list(found.results)[-1]
-            print(f"{label}: {len(found.results)} of {len(labels)} controllers answered", file=sys.stderr)
+        if ended is not None and found.results:
+            ended(list(found.results)[-1])
 
     found = answers(
         {label: scene[label] for label in labels},

@@ -27,7 +27,7 @@ from itertools import pairwise
 from typing import Any, NoReturn
 
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
-from toolbox.errors import SceneError, SimulationError, UnusualValue
+from toolbox.errors import SceneError, SimulationError, UnusualValue, suggest
 from toolbox.files.interrupts import GATE
 from toolbox.messages import complaint, sign_of_life, write_log_to_stderr
 from toolbox.version import __version__
@@ -36,28 +36,28 @@ from toolbox.vocabulary import NOW
 COMMANDS = {
     "study": ("study", "simulate every controller of a scene; table, figures and data"),
     "simulate": ("simulate", "simulate one controller of a scene, or all, by any method; report, figure and data"),
-    "explore": ("explore", "a local page: turn a number of a scene and see traces, verdict and map at once"),
-    "compare": ("compare", "two saved runs by their measures, or two scenes by their keys"),
-    "onset": ("onset", "where stick-slip begins and where it ends over one parameter, for every controller of a scene"),
-    "sweep": ("sweep", "simulate a scene over many values of its numbers, on all cores"),
-    "map": ("sweep", "severity of stick-slip over two parameters, with its borders"),
-    "chance": ("chance", "chance of stick-slip over one or two numbers, where others are known as distributions only"),
-    "basin": ("basin", "from which part of a box of disturbances a working point comes back, and the smallest that tips it"),
-    "margins": ("margins", "disk, gain, phase and delay margin of every controller at its working point, and how wrong the model may be"),
-    "answer": ("answer", "does every controller of a scene end stick-slip, from which start, and from which set-point on?"),
-    "setpoints": ("drives", "lowest set-point at which every controller of a drill string ends stick-slip, on this machine and on others"),
-    "tune": ("tune", "find the numbers of a control law that do best on one scene, or on the worst of several"),
-    "schedule": ("schedule", "gains of a law over the depth of a well, checked there and halfway between"),
-    "windows": ("windows", "at which speed and weight a law keeps a well smooth, over its depth"),
-    "fit": ("fit", "parameters of a scene's plant from measured signals, with confidence intervals"),
-    "identify": ("identify", "friction and mass of an axis or a joint from recordings, with the friction curve"),
-    "posterior": ("posterior", "what numbers of a machine may be, given what was measured, as draws, and the evidence of its laws"),
-    "estimate": ("estimate", "bit speed, torque at the bit, severity and margin from a log of the surface, each with its uncertainty"),
-    "torquedrag": ("torque_drag", "hook load, drag and torque of a drill string: rotating, picking up, slacking off, stuck"),
-    "tradeoff": ("tradeoff", "error against time for every method and setting on a scene"),
-    "export": ("export", "write a machine with its controller, or the controller alone, as C or as an FMU"),
-    "report": ("report", "one page about folders of results: answers, machine, gains, figures, how to get the same again"),
-    "list": ("listing", "list wells, models, control laws, observers and friction laws; with a name, its parameters and units"),
+    "explore": ("explore", "open a local page: change a number of a scene, and see signals, verdict and map at once"),
+    "compare": ("compare", "compare two saved runs by their metrics, or two scenes by their keys"),
+    "onset": ("onset", "find the values of one parameter at which stick-slip begins and ends, for every controller of a scene"),
+    "sweep": ("sweep", "simulate a scene for many values of its numbers, on all cores"),
+    "map": ("sweep", "map the severity of stick-slip over two parameters, with the borders of stick-slip"),
+    "chance": ("chance", "compute the probability of stick-slip over one or two numbers, if other numbers are uncertain"),
+    "basin": ("basin", "find the fraction of disturbances from which an operating point recovers, and the smallest disturbance from which it does not"),
+    "margins": ("margins", "compute disk, gain, phase and delay margin of every controller, and the model errors that it tolerates"),
+    "answer": ("answer", "answer whether every controller of a scene ends stick-slip, from which starts, and above which set-point"),
+    "setpoints": ("drives", "find the lowest set-point at which each controller of a drill string ends stick-slip, on this string and on similar strings"),
+    "tune": ("tune", "find the best numbers of a controller for one scene, or for the worst of several scenes"),
+    "schedule": ("schedule", "design the gains of a controller at several depths of a well, and check them there and halfway between"),
+    "windows": ("windows", "find the set-points and weights on bit without stick-slip, at several depths of a well"),
+    "fit": ("fit", "estimate parameters of a plant from measured signals, with confidence intervals"),
+    "identify": ("identify", "estimate friction and mass of an axis or a joint from recordings, with the friction curve"),
+    "posterior": ("posterior", "draw samples of the numbers of a machine that agree with a measurement, and compare friction laws by their evidence"),
+    "estimate": ("estimate", "estimate speed and torque of the bit, severity and margin from a surface log, each with its uncertainty"),
+    "torquedrag": ("torque_drag", "compute hook load, drag and torque of a drill string: rotating, picking up, slacking off, stuck"),
+    "tradeoff": ("tradeoff", "compare error and computing time of all methods on a scene"),
+    "export": ("export", "write a plant with its controller, or a controller alone, as C code or as an FMU"),
+    "report": ("report", "write one page about folders of results: answers, plant, gains, figures, and how to repeat them"),
+    "list": ("listing", "list wells, parts, controllers, observers and friction laws; with a name, its parameters and units"),
 }  # fmt: skip
 """{command: (module of `toolbox.commands` that declares and runs it, its line in the help)}; a module is imported when its command is typed."""
 
@@ -128,11 +128,13 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _refuse_former(words: Sequence[str], parser: argparse.ArgumentParser) -> None:
-    """End with an error for the former name of a command or of one of its options."""
+    """End with an error for an unknown command, and for the former name of a command or of one of its options."""
     typed = next((word for word in words if not word.startswith("-")), "")
     parts = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
     options = [(f"stickslip-{typed}", part) for part in parts]
     options += [(option.removeprefix("--"), value) for option, value in pairwise(parts) if option in VALUES]
+    if typed and typed not in COMMANDS and ("stickslip", typed) not in NOW:
+        parser.error(f"there is no command `{typed}`: {suggest(typed, COMMANDS)}")
     for place, word in (("stickslip", typed), *options):
         if (place, word) in NOW:
             parser.error(f"`{word}`{f' of `stickslip {typed}`' if word != typed else ''} is now `{NOW[place, word]}`")

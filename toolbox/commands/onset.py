@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
+from toolbox.commands.interrupt import goes_on
 from toolbox.commands.recording import answer, results
 from toolbox.commands.starting import one_law
 from toolbox.commands.terminal import (
+    Ended,
     asked_otherwise,
     check_some,
     common,
@@ -43,7 +45,9 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip onset`."""
     border = commands.add_parser(
         "onset",
-        parents=[common("folder for figure, report and tables; those of an earlier search are replaced")],
+        parents=[
+            common("folder for figure, report and tables; an interrupted search goes on from it, results of an earlier one are replaced")
+        ],
         description="Simulate every controller of a scene from smooth running and from inside stick-slip over one parameter or input, find both borders, "
         "and print them with the Hopf point and the margin at the working point. With --out, the folder gets a figure, the report, the scene, and "
         "per controller two tables (csv), runs and borders, and all arrays (npz): all of it, or nothing. Where numbers are known as distributions only "
@@ -67,13 +71,15 @@ def add(commands: Any) -> None:
     add_uncertain(border)
     border.add_argument("--draws", type=int, default=200, metavar="N", help="machines, where numbers are uncertain (200)")
     asked_otherwise(border)
-    border.set_defaults(action=run, spelled={"bounds": "--range"})
+    border.set_defaults(action=run, spelled={"bounds": "--range"}, words=lambda given: goes_on(given.out))
 
 
 def run(given: argparse.Namespace) -> int:
     """Find the borders of stick-slip. Returns the exit code."""
+    from toolbox.files.journal import OtherSearch
     from toolbox.onsets.comparison import Comparison
     from toolbox.onsets.onset import onset
+    from toolbox.sweeps.store import folder_of
 
     scene = loaded(given)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
@@ -94,6 +100,12 @@ def run(given: argparse.Namespace) -> int:
     stems = file_stems(labels)
     names = [*drawn_as(ONSET_FILES, given.format), *(f"{stem}_{table}" for stem in stems for table in TABLES)]
     left = [*ONSET_FILES, *(f"[0-9][0-9]_*_{table}" for table in TABLES)]
+    if given.out is not None:
+        folder_of(given.out)
+    kept = {
+        label: None if given.out is None else Path(given.out) / f"{stem}_onset.jsonl" for label, stem in zip(labels, stems, strict=True)
+    }
+    tell = None if given.quiet else Ended(list(loops))
     with results(given, names, earlier("onset.txt", "Onset of stick-slip", left)) as folder:
         with progress(len(labels)) as reached:
             for i, label in enumerate(labels):
@@ -103,8 +115,13 @@ def run(given: argparse.Namespace) -> int:
                 try:
                     loop = loops[label] if at is None else loops[label].at(parameter, at)
                     onsets[label] = onset(
-                        loop, parameter, (low, high), num_values=given.values, tolerance=tolerance, initial_controller=initial
-                    )
+                        loop, parameter, (low, high), num_values=given.values, tolerance=tolerance, initial_controller=initial,
+                        checkpoint=kept[label],
+                    )  # fmt: skip
+                    if tell is not None:
+                        tell(label)
+                except OtherSearch:
+                    raise
                 except (SceneError, SimulationError) as error:
                     failures[label] = error
         check_some(failures, labels)
@@ -115,6 +132,9 @@ def run(given: argparse.Namespace) -> int:
         if folder is not None:
             (folder / "onset.txt").write_text(text, encoding="utf-8")
             _save(scene, found, dict(zip(labels, stems, strict=True)), folder, given.format)
+    for path in kept.values():
+        if path is not None:
+            path.unlink(missing_ok=True)
     show(text.rstrip("\n"))
     if given.out:
         print(f"\n{'Figure, report and tables are' if onsets else 'The report is'} in {given.out}")

@@ -17,9 +17,9 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip report`."""
     page = commands.add_parser(
         "report",
-        description="Write one page (HTML, one file, for screen and paper) about folders that other commands wrote with --out: the answers first, then the "
-        "machine, the laws with the gains to type into the drive, all figures, what was printed, and how to get the same again. Without --units drill strings "
-        "read in rpm, kN and kN m, other machines in SI.",
+        description="Write one page (HTML, one file, for screen and paper) about folders that other commands wrote with --out. For a study and for answers it "
+        "begins with at most five sentences and one table. Then come the answers, the laws with the gains to type into the drive, the machine, all figures, "
+        "what was printed, and how to get the same again. Without --units drill strings read in rpm, kN and kN m, other machines in the units that were typed.",
         epilog="example: stickslip report results borders --page report.html",
     )
     page.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="folder that a command wrote with --out; may be repeated")

@@ -64,7 +64,7 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Study a scene. Returns the exit code."""
-    from toolbox.onsets import study
+    from toolbox.onsets import verdicts
     from toolbox.scenes.scene import Scene
     from toolbox.scenes.verdict_table import table, write_table
     from toolbox.steady_states.instability import instability
@@ -78,7 +78,7 @@ def run(given: argparse.Namespace) -> int:
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
                 reached(i, label)
-                row, run = study.verdict_row(scene, label, stem, given.metric)
+                row, run = verdicts.verdict_row(scene, label, stem, given.metric)
                 rows.append(row)
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
@@ -114,10 +114,10 @@ def run(given: argparse.Namespace) -> int:
 def _refined(finer: Scene, rows: Sequence[Row]) -> str:
     """The verdicts on the scene with twice as many elements, beside those of its own number."""
     from toolbox.files.printing import columns
-    from toolbox.onsets import study
+    from toolbox.onsets import verdicts
     from toolbox.scenes.situation import mode_summaries
 
-    again = [study.verdict_row(finer, row.controller)[0] for row in rows]
+    again = [verdicts.verdict_row(finer, row.controller)[0] for row in rows]
     cells = [("controller", "verdict", "with twice the elements", "stuck", "with twice the elements")]
     cells += [(a.controller, a.verdict, b.verdict, f"{a.stuck:.3g} s", f"{b.stuck:.3g} s") for a, b in zip(rows, again, strict=True)]
     other = [a.controller for a, b in zip(rows, again, strict=True) if a.verdict != b.verdict]

@@ -8,6 +8,7 @@ import re
 import shutil
 import sys
 import textwrap
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain, groupby, pairwise
@@ -241,6 +242,25 @@ def progress(total: int) -> Iterator[Any]:
             bar.update(done - bar.n)
 
         yield reached
+
+
+class Ended:
+    """Tells on stderr, one line each, which controllers have ended, after how long, and how long the rest takes if each takes as long as those before.
+
+    A line and no bar: it stands in a log file, too.
+    """
+
+    def __init__(self, labels: Sequence[str]):
+        self._left, self._count, self._began = list(labels), len(labels), time.monotonic()
+
+    def __call__(self, label: str) -> None:
+        """Tell that a controller has ended; a second time nothing is told."""
+        if label not in self._left:
+            return
+        self._left.remove(label)
+        done, passed = self._count - len(self._left), time.monotonic() - self._began
+        rest = f", about {passed / done * len(self._left):.0f} s left" if self._left else ""
+        print(f"{label}: {done} of {self._count} controllers ended after {passed:.0f} s{rest}", file=sys.stderr, flush=True)
 
 
 def plain(text: str) -> Any:

@@ -74,7 +74,7 @@ class ContactRun(Renamed):
     coordinates, rates
         Coordinates q and their rates, shape (t, n).
     contact_modes
-        Modes, shape (t, c): 0 stick, 1 slip, 2 open, as in `toolbox.contacts.problem.LEGEND`.
+        Modes of the contacts, shape (t, c): 0 stick, 1 slip, 2 open.
     normal
         Normal forces [N], >= 0, shape (t, c).
     tangential
@@ -84,7 +84,7 @@ class ContactRun(Renamed):
     friction_work
         Energy that friction has dissipated at every contact [J], shape (t, c).
     energy
-        Energies of the body and of its inputs; see `audit`.
+        {name: energies of the body and of its inputs [J]}. The method `audit` compares them.
     newton_iterations
         Newton iterations of every step, shape (t,).
     inputs
@@ -129,7 +129,13 @@ class ContactRun(Renamed):
         return self.coordinates @ self._output(name)
 
     def rate(self, name: str) -> np.ndarray:
-        """Return the speed of an output of the problem [m/s], shape (t,)."""
+        """Return the speed of an output of the problem [m/s], shape (t,).
+
+        Parameters
+        ----------
+        name
+            Name of the output.
+        """
         return self.rates @ self._output(name)
 
     def _output(self, name: str) -> np.ndarray:
@@ -153,16 +159,34 @@ class ContactRun(Renamed):
         return np.linalg.norm(self.tangential, axis=2) / self.problem.contact_areas
 
     def share(self, mode: str = "stick") -> np.ndarray:
-        """Return the fraction of the total contact area that is in a mode ("stick", "slip" or "open"), shape (t,)."""
+        """Return the fraction of the total contact area that is in a mode ("stick", "slip" or "open"), shape (t,).
+
+        Parameters
+        ----------
+        mode
+            Mode of the contacts: "stick" (default), "slip" or "open".
+        """
         return (self.contact_modes == _code(mode)) @ self.problem.contact_areas / self.problem.contact_areas.sum()
 
     def last(self, mode: str = "stick") -> float:
-        """Return the last instant [s] with at least one contact in a mode. nan if there is no such instant."""
+        """Return the last instant [s] with at least one contact in a mode. nan if there is no such instant.
+
+        Parameters
+        ----------
+        mode
+            Mode of the contacts: "stick" (default), "slip" or "open".
+        """
         found = np.flatnonzero((self.contact_modes == _code(mode)).any(axis=1))
         return float(self.time[found[-1]]) if found.size else float("nan")
 
     def first(self, mode: str) -> float:
-        """Return the first instant [s] with all contacts in a mode. nan if there is no such instant."""
+        """Return the first instant [s] with all contacts in a mode. nan if there is no such instant.
+
+        Parameters
+        ----------
+        mode
+            Mode of the contacts: "stick", "slip" or "open".
+        """
         found = np.flatnonzero((self.contact_modes == _code(mode)).all(axis=1))
         return float(self.time[found[0]]) if found.size else float("nan")
 
@@ -239,6 +263,11 @@ class ContactRun(Renamed):
         - `output.<name>`, `output.<name>.speed` and `input.<name>`;
         - `energy.<word>` for the entries of `energy`;
         - `run` (JSON), and the arrays that it names for the problem.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
         """
         path = Path(path)
         if path.suffix == ".csv":
@@ -324,6 +353,11 @@ class ContactRun(Renamed):
         Columns: fractions of the area that stick, slip and are open; sums of the contact forces; energies; inputs;
         outputs with their speeds. With more than 20 contacts, outputs that are displacements of a contact are left out.
         The file of `save` contains the behaviour of every contact. The file is written atomically.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
         """
         problem, energy = self.problem, self.energy
         columns: dict[str, np.ndarray] = {"time [s]": self.time}
@@ -353,13 +387,25 @@ class ContactRun(Renamed):
         return draw_run(self)
 
     def plot_share(self, ax: Any = None) -> Any:
-        """Draw the fractions of the area that stick, slip and are open over time, and return the axes."""
+        """Draw the fractions of the area that stick, slip and are open over time, and return the axes.
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.contacts.figures import draw_shares
 
         return draw_shares(self.time, {word: self.share(word) for word in ("stick", "slip", "open")}, ax)
 
     def plot_forces(self, ax: Any = None) -> Any:
-        """Draw the sums of the contact forces over time, normal and along each direction; returns the axes."""
+        """Draw the sums of the contact forces over time, normal and along each direction; returns the axes.
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.contacts.figures import draw_forces
 
         return draw_forces(self.time, {"normal": self.normal.sum(axis=1)} | self._friction(), ax)
@@ -371,6 +417,15 @@ class ContactRun(Renamed):
         """Draw a quantity of every contact on the face at an instant [s], by default at the end of the run.
 
         `values` chooses the quantity: "mode" (default), "pressure", "traction" or "friction_work". Return the axes.
+
+        Parameters
+        ----------
+        time
+            Instant that is drawn [s], or text with a unit. By default the end of the run.
+        values
+            Quantity that is drawn: "mode" (default), "pressure", "traction" or "friction_work".
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
         """
         from toolbox.contacts.figures import draw_field, draw_modes
 
@@ -394,6 +449,15 @@ class ContactRun(Renamed):
         the area that sticks over time.
 
         `frames` is the number of pictures (default 60), and `seconds` the length of the animation [s] (default 6).
+
+        Parameters
+        ----------
+        path
+            Path of the file, with the ending .gif.
+        frames
+            Number of pictures, by default 60.
+        seconds
+            Length of the animation [s], by default 6.
         """
         from toolbox.contacts.figures import write_animation
 

@@ -143,11 +143,23 @@ class ContactProblem(Renamed):
             )
 
     def unit(self, name: str) -> str:
-        """Return the unit of an input, or of an output if no input has this name."""
+        """Return the unit of an input, or of an output if no input has this name.
+
+        Parameters
+        ----------
+        name
+            Name of the input or output.
+        """
         return self.units.get(name, "N" if name in self.force_inputs else "m/s" if name in self.surface_velocity else "m")
 
     def output_unit(self, name: str) -> str:
-        """Return the unit of an output. If an input has the same name, `units` holds the unit of the input, and the unit of the output is m."""
+        """Return the unit of an output. If an input has the same name, `units` holds the unit of the input, and the unit of the output is m.
+
+        Parameters
+        ----------
+        name
+            Name of the output.
+        """
         return "m" if name in self.force_inputs or name in self.surface_velocity else self.unit(name)
 
     @property

@@ -19,8 +19,9 @@ from toolbox.contacts.problem import ContactProblem
 from toolbox.errors import ControllerError, SceneError
 from toolbox.files.units import in_si
 from toolbox.modelling.clamps import passing_nan
+from toolbox.modelling.clocks import check_regular
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.closing import check_regular, laws_of
+from toolbox.modelling.closing import laws_of
 from toolbox.modelling.components import Component, Equations, Signal
 from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import state
@@ -64,7 +65,7 @@ class Acting:
         plant = signals_of(problem, controller is not None)
         closed = ClosedLoop(plant, laws_of(controller, in_si(sample_time, "s", "sample_time"))).assembly
         self.system, self.clocks, self.seeds = closed.system, closed.clocks, closed.seeds
-        check_regular(closed.irregular, "for steps of one length")
+        check_regular(self.clocks, "for steps of one length")
         if len(self.system.parts) > 1 + len(self.clocks):
             raise SceneError(
                 "Argument `controller` must hold sampled laws: give `sample_time`, because steps of one length know no continuous ones."
@@ -96,8 +97,8 @@ class Acting:
         step = self.times[1] - self.times[0]
         self.every: list[int] = []
         self.after: list[int] = []
-        for period, delay in self.clocks:
-            for word, length, into in (("sample_time", period, self.every), ("delay", delay, self.after)):
+        for own in self.clocks:
+            for word, length, into in (("sample_time", own.period, self.every), ("delay", own.delay, self.after)):
                 steps = round(length / step)
                 if abs(length / step - steps) > 1e-6 or (word == "sample_time" and not steps):
                     raise SceneError(f"Argument `{word}` must be a whole number of steps of {step:.9g} s, but it is {length:g} s.")

@@ -64,9 +64,9 @@ def step_contacts(
         ends.
     controller
         One controller or several, each a `Controller`, a `Sampled` with its own period, delay and sensors, or a
-        callable (t, y) -> u.
+        callable (t, y) -> u. By default none.
     sample_time
-        Sample time [s] of controllers that have no sample time of their own. Periods and delays must be whole numbers
+        Sample time [s] of controllers that are not `Sampled`, by default None. Periods and delays must be whole numbers
         of steps.
     start
         A run of a problem with the same numbers of coordinates and contacts, such as the result of `press_contacts`.
@@ -130,10 +130,10 @@ def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None =
     problem
         The body with its contacts.
     inputs
-        {input: constant value}. Inputs that are left out are 0.
+        {input: constant value}. Inputs that are left out are 0, by default all.
     frictionless
-        Whether friction is left out, for example while a body settles before it is pulled. Contacts then count as
-        slipping and carry no tangential force.
+        Whether friction is left out, for example while a body settles before it is pulled, by default False. Contacts
+        then count as slipping and carry no tangential force.
 
     Returns
     -------

@@ -100,6 +100,18 @@ class Answers(Told, Result):
         The situation for which the verdicts hold, in one line.
     display_units
         {SI unit: unit that was typed}.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque, StiffPI
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> from toolbox.drilling import answers
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> loop = closed_loop(rig, Sampled(SoftTorque(reference="9 rad/s", lowest_torque=0.0), "10 ms", delay="30 ms"))
+    >>> found = answers({"soft torque": loop}, StiffPI(), phases=2)
+    >>> print(found.nominal_value, found.unit, *found.results)
+    9.0 rad/s soft torque
     """
 
     title: str

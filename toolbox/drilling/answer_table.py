@@ -78,20 +78,21 @@ def answers(
         set-points, in SI or text with units. By default there is no search. With `bounds` the step is by default 1/40
         of the range.
     uncertainty
-        {number of the loop: fraction of its value to either side, or several factors}, as in `worst_case`. By default
-        10 % of the weight on bit to either side, if the plant has a weight on bit.
+        {number of the loop: error}. An error is a percentage to either side, such as "10 %", or several factors of the
+        value, such as (0.8, 1.2). By default 10 % of the weight on bit to either side, if the plant has a weight on
+        bit.
     phases
-        Number of instants of the stick-slip cycle at which a controller takes over.
+        Number of instants of the stick-slip cycle at which a controller takes over, by default 4.
     duration
-        Shortest length of a run [s]. A run whose outcome is not decided at this time is continued.
+        Shortest length of a run [s], by default 200. A run whose outcome is not decided at this time is continued.
     title
-        Name of the plant in the tables.
+        Name of the plant in the tables, by default empty.
     checkpoint
         Path of a file (JSON lines) for the outcomes of single set-points. A search that was stopped continues from this
-        file.
+        file. By default None: nothing is stored.
     callback
-        Function that is called with the answers so far: for each controller once before and once after the search of
-        its lowest set-points.
+        Function that is called with the answers so far, by default none: for each controller once before and once after
+        the search of its lowest set-points.
 
     Returns
     -------

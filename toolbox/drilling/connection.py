@@ -52,7 +52,13 @@ class AfterConnection(Start):
         return f"a connection: weight off for {AWAY:g} s, on again in {times} s"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values and the weight over time on the plant of a loop. Raises SceneError if it has no constant weight."""
+        """Return the start values and the weight over time on the plant of a loop. Raises SceneError if it has no constant weight.
+
+        Parameters
+        ----------
+        loop
+            The loop whose runs begin at these start values.
+        """
         weight = float(loop.number(WEIGHT).value) if WEIGHT in loop.variable_numbers() else math.nan
         if math.isnan(weight):
             raise SceneError(f"A start after a connection takes off `{WEIGHT}`, but the loop has no constant one.")

@@ -71,6 +71,20 @@ class Windows(Told, Result):
         The situation for which the verdict holds, in one line.
     severity_maps
         The map of every depth, each with its own figure. Empty after loading.
+
+    Examples
+    --------
+    >>> from controllers import StiffPI
+    >>> from models import BitRock, TorsionalChain
+    >>> from toolbox import compose
+    >>> from toolbox.drilling import windows
+    >>> def well(depth):
+    ...     string = TorsionalChain(inertia=(2122.0, 374.0), stiffness=(473.0 * 2000.0 / depth,), damping=(23.2,), top_drag=425.0, bit_drag=50.0)
+    ...     return compose(string, BitRock())
+    >>> ranges = {"top.reference": ("60 rpm", "180 rpm"), "bit.weight": ("40 kN", "100 kN")}
+    >>> found = windows(well, [1500.0], StiffPI(reference="120 rpm"), ranges, second_values=["60 kN"], shape=(4, 3))
+    >>> print(f"no stick-slip above {found.free_from[0, 0]:.1f} rad/s at {found.depths[0]:.0f} m")
+    no stick-slip above 8.6 rad/s at 1500 m
     """
 
     title: str
@@ -140,7 +154,13 @@ class Windows(Told, Result):
         return headings, rows
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the window of every depth, one figure each (`toolbox.drilling.figures.window_diagram`), and return the axes."""
+        """Draw the window of every depth, one figure each (`toolbox.drilling.figures.window_diagram`), and return the axes.
+
+        Parameters
+        ----------
+        axes
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.drilling.figures import window_diagram
 
         first, second, deep = (reading(unit, self.display_units) for unit in (*self.units, "m"))
@@ -180,9 +200,10 @@ def windows(
     second_values
         Values of the second number at which windows are read. By default five over its range.
     shape
-        Number of grid points along both numbers, for the map of each depth.
+        Number of grid points along the first and the second number, for the map of each depth, by default (13, 7).
     checkpoint
-        Folder that keeps the points of all maps. A search that was interrupted continues from this folder.
+        Folder that keeps the points of all maps. A search that was interrupted continues from this folder. By default
+        None: nothing is stored.
 
     Returns
     -------

@@ -181,6 +181,7 @@ class EnsembleFilter:
         below = float(np.sum(np.atleast_1d(plant.parameter("chain.inertia"))[1:]))
         self.stiffness, self.period = stiffness, 2.0 * math.pi * math.sqrt(below / stiffness)
         self.border, self.no_border = _border(given)
+        self.pace: Pace | None = None
         self.reset()
 
     def _places(self, plant: HybridSystem) -> None:
@@ -192,11 +193,9 @@ class EnsembleFilter:
         except SceneError as error:
             raise SceneError(f"Argument `loop` must be a drill string with a chain of inertias and a rock: {error}") from None
         first, count = inertia.offset, count_of(inertia.size)
-        self.numbers = [
-            [first],
-            list(range(first + 1, first + count)),
-            list(range(stiffness.offset, stiffness.offset + count_of(twist.size))),
-        ]
+        springs = count_of(twist.size)
+        self.numbers = np.array([*range(first, first + count), *range(stiffness.offset, stiffness.offset + springs)])
+        self.kinds = np.repeat([0, 1, 2], [1, count - 1, springs])  # which of the logarithms of a member each of these numbers follows
 
         def row(name: str) -> int:
             slope = np.array(ca.DM(ca.jacobian(plant.expression(name), plant.x))).ravel()
@@ -204,7 +203,7 @@ class EnsembleFilter:
 
         self.top, self.bit = row("top.speed"), row("bit.speed")
         begin, end = plant.state_index("chain.twist")[0], plant.state_index("chain.twist")[1]  # type: ignore[index]
-        self.twists = list(range(begin, begin + count_of(end)))
+        self.twists = slice(begin, begin + count_of(end))
         self.contact = next(i for i, element in enumerate(plant.elements) if element.name == "bit")
         slopes = [ca.jacobian(plant.flow[self.bit], each) for each in (plant.x, plant.F[self.contact])]
         at = ca.Function("slopes", [plant.x, plant.u, plant.p, plant.m, plant.t, plant.F], [ca.densify(each) for each in slopes])
@@ -236,7 +235,13 @@ class EnsembleFilter:
         return np.concatenate([single, *(each.ravel() for each in (states, self.logs, self.load, self.ring))])
 
     def set_memory(self, values: FloatArray) -> None:
-        """Restore a memory that `get_memory` returned."""
+        """Restore a memory that `get_memory` returned.
+
+        Parameters
+        ----------
+        values
+            The array that `get_memory` returned.
+        """
         n = self.members
         count, self.time, self.surprise, self.since, filled, self.now, begun = values[:7].tolist()
         self.count, self.filled = int(count), int(filled)
@@ -258,8 +263,8 @@ class EnsembleFilter:
         speed
             Measured top speed [rad/s]. nan if it was not measured.
         weight
-            Measured weight on bit [N]. If it is None or nan, the last known value is used. Before the first known
-            value, the declared weight is used.
+            Measured weight on bit [N]. If it is None (default) or nan, the last known value is used. Before the first
+            known value, the weight of the plant is used.
 
         Returns
         -------
@@ -294,43 +299,51 @@ class EnsembleFilter:
         first = self.plant.state_index("chain.speed")[0]  # type: ignore[index]
         self.states[:, first : first + len(rows)] = speed
         self.states[:, self.bit] += 0.5 * self.rng.standard_normal(n) * (speed > 0.0)
-        stiffness = self.rollout.numbers[self.numbers[2]]
+        stiffness = self.rollout.numbers[self.numbers[self.kinds == 2]]
         carried = min(0.7 * torque, float(self.sliding(np.zeros(1))[0]))  # the drive takes its part, and the rock gives way
         self.states[:, self.twists] = carried / stiffness * (1.0 + 0.15 * self.rng.standard_normal((n, 1)))
 
     def _predict(self, duration: float, torque: float) -> None:
         known, n, draw = self.knowledge, self.members, self.rng.standard_normal
         assert self.states is not None  # begun at the first sample
+        pace = self._pace(duration)
         factors = np.exp(self.logs)
-        for j, places in enumerate(self.numbers):
-            self.table[:, places] = self.rollout.numbers[places] * factors[:, j : j + 1]
-        kept = math.exp(-duration)
+        self.table[:, self.numbers] = self.rollout.numbers[self.numbers] * factors[:, self.kinds]
+        kept = pace.load_kept
         self.load = kept * self.load + known.load_variation * math.sqrt(1.0 - kept * kept) * draw(n)
         self.table[:, self.plant.values.size + self.contact] = factors[:, 3] * (1.0 + self.load)
         if math.isfinite(torque):
             push = torque + known.torque_noise * draw(n)
         else:  # a torque that nobody knows is about what the string carries
-            push = self.states[:, self.twists[0]] * self.table[:, self.numbers[2][0]] * (1.0 + 0.2 * draw(n))
+            push = self.states[:, self.twists.start] * self.table[:, self.numbers[self.kinds == 2][0]] * (1.0 + 0.2 * draw(n))
         if len(self.rollout.actuated_signals) == 1:
             self.table[:, self.plant.values.size + self.contact] *= self.now / self.weight
-        driven = np.column_stack([push, np.full(n, self.now)][: len(self.rollout.actuated_signals)])
+        driven = np.full((n, len(self.rollout.actuated_signals)), self.now)
+        driven[:, 0] = push
         if self.rollout.slip is None:
             modes = np.stack([self.rollout.modes(each) for each in self.states])
         else:
             rows, offset = self.rollout.slip
             modes = np.sign(self.states @ rows.T + offset)
-        one = self.rollout.motion(np.zeros(self.rollout.n), np.zeros((1, driven.shape[1])), duration)
-        advance_all(one, Members(self.table, driven, self.states, modes))
+        advance_all(pace.motion, Members(self.table, driven, self.states, modes))
         self.time += duration
-        ways = np.array([known.parameter_correlation_time] * 3 + [known.rock_correlation_time])
-        keeps = np.exp(-duration / ways)
         before = self.logs[:, 2].copy()
-        self.logs = keeps * self.logs + self.deviations * np.sqrt(1.0 - keeps**2) * draw((n, 4))
+        self.logs = pace.kept * self.logs + pace.drawn * draw((n, 4))
         self.states[:, self.twists] *= np.exp(before - self.logs[:, 2])[:, None]
         self.since += duration
         if self.since >= SEEN * self.period / ROWS:
             self.ring[self.filled % ROWS] = self.states[:, self.bit]
             self.filled, self.since = self.filled + 1, 0.0
+
+    def _pace(self, duration: float) -> Pace:
+        """What a step of this duration does alike each time."""
+        if self.pace is None or self.pace.duration != duration:
+            known = self.knowledge
+            ways = np.array([known.parameter_correlation_time] * 3 + [known.rock_correlation_time])
+            kept = np.exp(-duration / ways)
+            motion = self.rollout.motion(np.zeros(self.rollout.n), np.zeros((1, len(self.rollout.actuated_signals))), duration)
+            self.pace = Pace(duration, motion, math.exp(-duration), kept, self.deviations * np.sqrt(1.0 - kept**2))
+        return self.pace
 
     def _correct(self, speed: float) -> None:
         assert self.states is not None
@@ -381,7 +394,13 @@ class EnsembleFilter:
         )
 
     def sliding(self, speed: FloatArray) -> FloatArray:
-        """Return the torque of the declared rock [N m] at speeds >= 0 [rad/s]."""
+        """Return the torque of the declared rock [N m] at speeds >= 0 [rad/s].
+
+        Parameters
+        ----------
+        speed
+            Speeds of the bit [rad/s], >= 0.
+        """
         if not hasattr(self, "_curve"):
             element, plant = self.plant.elements[self.contact], self.plant
             row = np.zeros(self.rollout.n)
@@ -414,6 +433,16 @@ def _border(loop: ClosedLoop) -> tuple[FloatArray | None, str]:
             return None, str(error).rstrip(".")
         borders.append(max((point.value for point in found), default=0.0))
     return np.array(borders), ""
+
+
+class Pace(NamedTuple):
+    """Arrays of a step of one duration, which most steps of a log share."""
+
+    duration: float
+    motion: Any
+    load_kept: float
+    kept: FloatArray
+    drawn: FloatArray
 
 
 class Members(NamedTuple):

@@ -194,7 +194,13 @@ class Estimates(Told, Result):
         ]
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the known estimates with their 95 % bands, and the times of stick-slip. Return the axes."""
+        """Draw the known estimates with their 95 % bands, and the times of stick-slip. Return the axes.
+
+        Parameters
+        ----------
+        axes
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.drilling.figures import estimate_diagram
 
         return estimate_diagram(self, axes)
@@ -231,9 +237,9 @@ def estimate(
     knowledge
         Prior knowledge about machine and measurement. By default `Knowledge()`.
     members
-        Number of members of the ensemble.
+        Number of members of the ensemble, by default 64.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------

@@ -24,7 +24,7 @@ from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.measuring.judge import told_growth
+from toolbox.measuring.verdict import growth_in_words
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.closing import described
 from toolbox.modelling.components import numbers_of, rebuilt
@@ -124,12 +124,24 @@ class Schedule(Told, Result):
         return not any(each.failed for each in self.checked)
 
     def gains_at(self, depth: NumberOrText) -> dict[str, float]:
-        """Return {number: value in SI} at a depth [m]: linear between the rows of the table, constant outside the table."""
+        """Return {number: value in SI} at a depth [m]: linear between the rows of the table, constant outside the table.
+
+        Parameters
+        ----------
+        depth
+            Measured depth [m], or text with a unit.
+        """
         depth = number("depth", depth, "m", at_least=0)
         return {name: float(np.interp(depth, self.depths, self.gains[:, k])) for k, name in enumerate(self.names)}
 
     def law_at(self, depth: NumberOrText) -> Any:
-        """Return the controller with its numbers at a depth [m], for a loop. Raises SceneError after loading, because a file holds no controller."""
+        """Return the controller with its numbers at a depth [m], for a loop. Raises SceneError after loading, because a file holds no controller.
+
+        Parameters
+        ----------
+        depth
+            Measured depth [m], or text with a unit.
+        """
         if self.controller is None:
             raise SceneError(
                 "A schedule that was loaded has no law, which belongs to the machine: make it again by `schedule`, or take `gains_at`."
@@ -150,7 +162,7 @@ class Schedule(Told, Result):
             lines.append(
                 (
                     f"{each.depth * read['m'].factor:.5g}", "designed" if each.designed else "between", *gains,
-                    shown(each.disk_margin), told_growth(each.rate), f"{each.failed} of {each.runs}", *parts,
+                    shown(each.disk_margin), growth_in_words(each.rate), f"{each.failed} of {each.runs}", *parts,
                 )
             )  # fmt: skip
         return lines
@@ -172,7 +184,13 @@ class Schedule(Told, Result):
         return headings, [[depth, *row.tolist()] for depth, row in zip(self.depths, self.gains, strict=True)]
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw gains and disk margin over depth (`toolbox.drilling.figures.schedule_diagram`), and return the axes."""
+        """Draw gains and disk margin over depth (`toolbox.drilling.figures.schedule_diagram`), and return the axes.
+
+        Parameters
+        ----------
+        axes
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.drilling.figures import schedule_diagram
 
         deep, *read = (reading(unit, self.display_units) for unit in ("m", *self.units))
@@ -211,13 +229,14 @@ def schedule(
     duration
         Length of a run [s].
     starts
-        Starts of the runs, as in `worst_case`, such as `TakenOver(StiffPI(), phases=4)`, found on the plant of each
-        depth. By default `SmoothRunning()`.
+        Starts of the runs on the plant of each depth: `SmoothRunning()`, `FromRest(ramp)`,
+        `TakenOver(initial_controller)` (from the stick-slip of another controller), such as `TakenOver(StiffPI(),
+        phases=4)`, or `OwnStickSlip()`. By default `SmoothRunning()`.
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed as a fraction of the set-point [1], and allowed ripple of a command as a
-        fraction of its mean [1].
+        Allowed error of the mean speed as a fraction of the set-point [1], by default 0.02, and allowed ripple of a
+        command as a fraction of its mean [1], by default 0.05.
 
     Returns
     -------

@@ -54,7 +54,15 @@ class Varying:
     noise: bool = False
 
     def input(self, mean: float, seed: int) -> Any:
-        """Return the weight as an input, with the mean `mean` [N]. The seed is the seed of the noise, or chooses the phase of the sine."""
+        """Return the weight as an input, with the mean `mean` [N]. The seed is the seed of the noise, or chooses the phase of the sine.
+
+        Parameters
+        ----------
+        mean
+            Mean weight on bit [N].
+        seed
+            Whole number, by which noise and phase are chosen.
+        """
         varied = (mean, self.size * mean, self.frequency)
         return (
             shapes.noise(*varied, seed=seed)
@@ -170,9 +178,9 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
     machine
         The drill string, or a loop around it.
     noise
-        Standard deviation of the noise of the measured top speed [rad/s].
+        Standard deviation of the noise of the measured top speed [rad/s], by default 0.01.
     delay
-        Additional delay of the commands [s] on one plant of `one_at_a_time`.
+        Additional delay of the commands [s] on one plant of `one_at_a_time`, by default 0.03.
 
     Returns
     -------
@@ -258,9 +266,10 @@ def drawn_group(
     draws
         Number of plants, by default 72.
     phases
-        Phases of the cycle at which a controller takes over on each plant, as fractions of its period.
+        Phases of the cycle at which a controller takes over on each plant, as fractions of its period, by default 0 and
+        0.5.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------

@@ -23,7 +23,7 @@ from toolbox.files.printing import columns, shown
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import NumberOrText
-from toolbox.measuring.judge import told_growth
+from toolbox.measuring.verdict import growth_in_words
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Controller
 from toolbox.scenes.situation import Situation
@@ -315,7 +315,7 @@ class LowestSetPoints(Result):
                 shown(each.disk_margin, ".2f"), shown(each.disk_margin_nominal, ".2f"),
                 shown(100.0 * each.time_above_setpoint, ".1f", " %"), shown(each.recovery_time, ".0f", " s"), shown(each.max_bit_speed * speed.factor, ".3g"),
                 shown(each.max_torque * torque.factor, ".3g"), shown(each.max_lifts, ".0f"), shown(each.relapses_per_hour, ".0f"),
-                shown(100.0 * each.max_weight_relief, ".1f", " %"), told_growth(each.growth_rate),
+                shown(100.0 * each.max_weight_relief, ".1f", " %"), growth_in_words(each.growth_rate),
             ]  # fmt: skip
             at_top = f"at {self.bounds[1] * speed.factor:.3g} {speed.unit}: " if math.isnan(each.lowest_set_point) else ""
             lines.append((*key, *said, at_top + each.why))
@@ -369,7 +369,13 @@ class LowestSetPoints(Result):
         return set_point_diagram(rows, self.bounds[1] * factor, unit, ax)
 
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
-        """Return one result with the entries of this result and then of the other result."""
+        """Return one result with the entries of this result and then of the other result.
+
+        Parameters
+        ----------
+        other
+            The other result, for the same loop with other groups or protocols.
+        """
         return dataclasses.replace(self, entries={**self.entries, **other.entries})
 
 
@@ -423,10 +429,11 @@ def lowest_set_point(
     initial_controller
         The controller whose stick-slip is taken over, such as `StiffPI()`. Its `reference` follows the set-point.
     groups
-        Names of groups, or groups of your own:
+        Groups of drill strings on which the controller is tested: names, or `Group` objects of your own. By default all
+        six names:
 
-        - `nominal`: without noise.
-        - `noisy`: weight + 10 %, 20 seeds of noise.
+        - `nominal`: the plant of the loop, without noise.
+        - `noisy`: weight on bit increased by 10 %, 20 seeds of the measurement noise.
         - `one_at_a_time`: on each plant one number deviates from its declared value: the inertia of the drive by 10 or
           20 %, the inertia below the drive, the stiffness or the weight by 20 %. On one plant the commands are delayed
           instead.
@@ -441,18 +448,20 @@ def lowest_set_point(
         plant of `one_at_a_time` is 30 ms. `toolbox.drilling.machine_groups(loop, delay=...)` gives the groups with a
         different delay.
     protocols
-        `takeover`, `ramp` or both.
+        "takeover", "ramp" or both. By default both.
     bounds
-        Range of set-points [rad/s].
+        Range (low, high) of set-points [rad/s], by default (1.5, 14).
     step
-        Distance of neighbouring set-points [rad/s]. If the test fails at the highest set-point, lower set-points are
-        tried in steps of 1 rad/s. So a window of successful set-points is found if it is wider than 1 rad/s.
+        Distance of neighbouring set-points [rad/s], by default 0.1. If the test fails at the highest set-point, lower
+        set-points are tried in steps of 1 rad/s. So a window of successful set-points is found if it is wider than 1
+        rad/s.
     long_run
-        Whether a border is confirmed for half an hour.
+        Whether a border is confirmed by a run of half an hour, by default True.
     checkpoint
-        File (JSON lines) for the outcomes of single set-points. A search that was stopped continues from this file.
+        Path of a file (JSON lines) for the outcomes of single set-points. A search that was stopped continues from this
+        file. By default None: no file.
     callback
-        Function that is called with a line of text for every new outcome.
+        Function that is called with a line of text for every new outcome. By default none.
     executor
         Any `concurrent.futures.Executor`, such as the executor of a Dask client (`client.get_executor()`), which
         computes the runs at a set-point in parallel. By default one thread per core. For a controller in Python, by
@@ -470,7 +479,9 @@ def lowest_set_point(
         If the loop is not a drill string with one sampled controller, a group or a protocol is unknown, a number is not
         finite or out of range, or a controller cannot be sent to an executor.
 
-    Notes ----- The results hold for the nominal plant, noise and seeds. For a controller in Python the runs begin at
+    Notes
+    -----
+    The results hold for the nominal plant, noise and seeds. For a controller in Python the runs begin at
     rest, and the search is hundreds of times slower.
 
     Examples

@@ -26,7 +26,8 @@ import numpy as np
 
 from toolbox.drilling.groups import LASTING, Group, Machine
 from toolbox.errors import SceneError, SimulationError
-from toolbox.measuring.judge import is_stick, told_growth
+from toolbox.measuring.sticks import is_stick, releases
+from toolbox.measuring.verdict import growth_in_words
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, Equations
 from toolbox.modelling.composition import compose
@@ -269,7 +270,7 @@ class Trial:
         if group.judged_time >= LASTING:
             growth, where = self.growth(group.machines, reference)
             if growth > 0.0:
-                return Outcome(False, f"{where}: smooth running is not stable, a disturbance {told_growth(growth)}", growth_rate=growth)
+                return Outcome(False, f"{where}: smooth running is not stable, a disturbance {growth_in_words(growth)}", growth_rate=growth)
         runs = 0
         most = dict.fromkeys(
             ("time_above_setpoint", "recovery_time", "max_bit_speed", "max_torque", "max_lifts", "relapses_per_hour", "max_weight_relief"),
@@ -492,10 +493,10 @@ def _cycle(bare: ClosedLoop, before: Controller, reference: float) -> Cycle:
 
     loop = replace(bare, controllers=(Sampled(before, FINE),), inputs=dict(bare.inputs) | {"top.reference": reference})
     run = simulate(loop, 200.0)
-    releases = [event.time for event in run.events if event.element == "bit" and event.before == "stick" and event.time > 100.0]
-    release = releases[-1] if len(releases) > 1 else 200.0
+    released = releases(run, "bit", 100.0)
+    sticks = len(released) > 1
+    release = released[-1] if sticks else 200.0
     point = run.at(release)
     memory = [name for update in loop.system.updates for name in update.places]
     start = {name: point[name] for name in bare.plant.states} | {f"before.{name}": point[name] for name in memory}
-    sticks = len(releases) > 1
-    return Cycle(start, float(releases[-1] - releases[-2]) if sticks else 8.0, float(release), sticks)
+    return Cycle(start, float(released[-1] - released[-2]) if sticks else 8.0, float(release), sticks)

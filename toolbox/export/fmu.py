@@ -65,7 +65,7 @@ def export_fmu(
     loop
         A loop with one sampled controller. Or, for `part="loop"`, any loop or plant.
     path
-        The file. Its name without suffix is the name of the unit.
+        Path of the FMU file. Its name without suffix is the name of the unit.
     part
         "law" for the controller, or "loop". By default "law" if the loop has a controller, otherwise "loop".
     duration
@@ -75,9 +75,9 @@ def export_fmu(
         Target for the global error of a loop in co-simulation, between 1e-13 and 0.1. By default the accuracy of its
         scene, else 1e-6.
     version
-        Version of FMI for a loop, "2.0" or "3.0".
+        Version of FMI for a loop, "2.0" (default) or "3.0".
     resources
-        Files that are added in `resources/`, such as the scene of the loop.
+        Paths of files that are added in `resources/`, such as the scene of the loop. By default none.
 
     Returns
     -------

@@ -48,9 +48,10 @@ def stepper(
     period
         Time of one step [s].
     inputs
-        Inputs or parameters that `step` sets, in this order. Their values jump at the beginning of the step.
+        Names of the inputs or parameters that `step` sets, in this order, by default none. Their values jump at the
+        beginning of the step.
     outputs
-        Scalar signals that `reset` and `step` return, in this order.
+        Names of the scalar signals that `reset` and `step` return, in this order, by default none.
     duration
         Time over which the accuracy is promised [s]. By default the duration of its scene, or a thousand periods. The
         machine can run on after it.

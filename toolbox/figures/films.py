@@ -47,7 +47,7 @@ def film(run: Any, path: str | Path, seconds: NumberOrText = 8.0) -> Path:
         A path that ends with `.gif`, or with `.html`: one page with buttons to stop and to step, which needs no other
         file.
     seconds
-        Length of the film [s], at most 60. The run is shown slower or faster so that it fits.
+        Length of the film [s], at most 60, by default 8. The run is shown slower or faster so that it fits.
 
     Returns
     -------

@@ -30,7 +30,8 @@ def replaced(path: Path, durable: bool = False) -> Iterator[IO[bytes]]:
     path
         The file that is replaced.
     durable
-        Whether the new file is forced to disk before it replaces the old one, and the directory after it.
+        Whether the new file is forced to disk before it replaces the old one, and the directory after it, by default
+        False.
 
     Returns
     -------

@@ -30,6 +30,10 @@ EARLIER = "stickslip journal 1"
 """Without checksums."""
 
 
+class OtherSearch(SceneError):
+    """A file holds the results of a search with other arguments."""
+
+
 class Journal:
     """A file of results, each under a list of numbers as its key; numbers and results survive unchanged to the last bit.
 
@@ -73,7 +77,7 @@ class Journal:
             if theirs.get(name) != ours.get(name):
                 old, new = (_shortened(each.get(name)) for each in (theirs, ours))
                 told = "" if _HASH.fullmatch(old) and _HASH.fullmatch(new) else f": {old} there, {new} here"
-                raise SceneError(
+                raise OtherSearch(
                     f"Argument `{self._word}` must come from a search with the same arguments, but `{self.path}` is of another `{name}`{told}. "
                     "Name another, or remove that one."
                 )

@@ -25,7 +25,7 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[object]],
         Cells, one sequence per row. Floats are written with six digits. Numbers, also numbers that are given as text,
         are aligned right, and all other cells are aligned left. Characters such as "<" are escaped.
     notes
-        Sentences below the table.
+        Sentences below the table, by default none.
 
     Returns
     -------
@@ -66,9 +66,9 @@ def columns(rows: Sequence[Sequence[str]], left: Container[int] = (0,), indent: 
     rows
         Cells, one sequence per row. A row may have fewer cells.
     left
-        Indices of columns that are aligned left. All other columns are aligned right.
+        Indices of columns that are aligned left, by default the first. All other columns are aligned right.
     indent
-        Beginning of every line.
+        Beginning of every line, by default two spaces.
 
     Returns
     -------

@@ -52,11 +52,11 @@ def opened(path: str | Path, most: int = LARGEST, what: str = "file", apart: boo
     path
         The file.
     most
-        Largest size [byte].
+        Largest size [byte], by default 4 GiB.
     what
-        Description of the expected contents of the file, for messages, such as "log".
+        Description of the expected contents of the file, for messages, such as "log", by default "file".
     apart
-        Whether the file is an earlier result or a checkpoint rather than an input of a command.
+        Whether the file is an earlier result or a checkpoint rather than an input of a command, by default False.
 
     Returns
     -------

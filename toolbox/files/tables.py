@@ -106,7 +106,7 @@ def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -
     columns
         The columns that the table may have.
     others
-        Whether unknown columns are left out instead of refused.
+        Whether unknown columns are left out instead of refused, by default False.
 
     Returns
     -------

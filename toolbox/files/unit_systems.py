@@ -104,7 +104,7 @@ def reading(unit: str, display_units: Mapping[str, str] | None = None) -> Readin
     unit
         The SI unit, such as "rad/s".
     display_units
-        {SI unit: unit in which values were typed}.
+        {SI unit: unit in which values were typed}. By default None: SI.
 
     Returns
     -------

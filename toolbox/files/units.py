@@ -324,7 +324,8 @@ def _converted(text: str, unit: str, name: str) -> float:
         ) from None
     if not _fit(roots, wanted):
         must = "a plain number" if unit == "1" else f"in {unit}"
-        raise SceneError(f"Argument `{name}` must be {must}, but `{text}` is in {given}{_advice(roots, wanted)}.")
+        end = _cased(given, wanted) or f"{_advice(roots, wanted)}."
+        raise SceneError(f"Argument `{name}` must be {must}, but `{text}` is in {given}{end}")
     try:
         result = float((number * factor + offset) / target)
     except ArithmeticError:
@@ -390,6 +391,12 @@ def _fit(given: dict[str, Decimal], wanted: dict[str, Decimal]) -> bool:
     beside_force = wanted.get("gram", Decimal(0)) != 0
     powers = [{base: power for base, power in roots.items() if not (beside_force and base == "radian")} for roots in (given, wanted)]
     return powers[0] == powers[1]
+
+
+def _cased(given: str, wanted: dict[str, Decimal]) -> str:
+    """A unit that differs from the given one only in its capitals, and fits, such as kN for kn (a knot)."""
+    near = [word for word in USUAL if word != given and word.casefold() == given.casefold() and _fit(_roots(word)[1], wanted)]
+    return f": did you mean `{near[0]}`?" if near else ""
 
 
 def _advice(given: dict[str, Decimal], wanted: dict[str, Decimal]) -> str:

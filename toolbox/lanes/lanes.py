@@ -94,7 +94,7 @@ class Lanes:
         compiled_loop(stepped, self.program)
         self.work = work_arrays(stepped, self.program)
         width = width or host_width(self.program)
-        late = tuple(delay > 0.0 for _, delay in run.clocks)
+        late = tuple(clock.delay > 0.0 for clock in run.clocks)
         self.block = block(self.program, width, self.layout.signals, len(self.layout.windows), late)
         self.duration = run.duration
         self.held = self.work.p[self.program.held_slot : self.program.held_slot + system.held.numel()].copy()

@@ -39,6 +39,14 @@ class EnergyAudit(Printed):
         Energy that unilateral contacts took at the instants at which they opened, closed or bounced.
     turnover
         Largest amount that one term moved, both directions counted, or that one part stores at the start or the end.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, energy_audit, simulate
+    >>> audit = energy_audit(simulate(compose(BlockOnBelt()), "10 s"))
+    >>> print(f"{sum(audit.losses.values()):.3f} J lost, balanced: {audit.relative < 1e-6}")
+    0.778 J lost, balanced: True
     """
 
     duration: float

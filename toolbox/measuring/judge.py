@@ -17,14 +17,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from toolbox.arguments import FloatArray
-from toolbox.measuring.measure import stick_intervals
 from toolbox.measuring.quintics import steps_of
+from toolbox.measuring.sticks import joined, shortest_stick, stick_intervals
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.trajectory import Trajectory
 
@@ -46,9 +45,6 @@ WINDOW = 2
 
 BUDGET = 2_000
 """Swings after which a run that nothing decides is given up."""
-
-SHORTEST = 1e-6
-"""Time in stick, as a fraction of the time that is looked at, up to which it is round-off: the contact touched zero speed and did not stick."""
 
 SAME = 1e-5
 """What two rounds may differ by, in parts of their size, to be the same."""
@@ -79,31 +75,6 @@ NEAR = 0.01
 
 CALM = 1e-3
 """Deviation, in parts of the target, that is small where it falls and small ones die."""
-
-
-def shortest_stick(whole: float, accuracy: float = 0.0) -> float:
-    """Return the time in stick [s] of a whole time up to which a contact only touches zero speed; a run resolves no less than ten times its accuracy."""
-    return max(10 * accuracy, SHORTEST) * whole
-
-
-def is_stick(stuck: Any, whole: float = 1.0) -> Any:
-    """Return whether a contact sticks, by the time it spends in stick. Arrays are answered element by element.
-
-    This is the only threshold of sticking: every verb asks it here.
-
-    Parameters
-    ----------
-    stuck
-        Time in stick [s], or a fraction of the whole.
-    whole
-        The time that is looked at [s], such as the judged window; 1 for a fraction.
-    """
-    return stuck > shortest_stick(whole)
-
-
-def told_growth(rate: float) -> str:
-    """How a small disturbance that goes as exp(rate t) goes on, in words; "-" where the rate [1/s] is not known or zero."""
-    return f"{'grows' if rate > 0 else 'dies'} in {1 / abs(rate):.3g} s" if rate and math.isfinite(rate) else "-"
 
 
 @dataclass(frozen=True)
@@ -162,12 +133,7 @@ class Record:
         """Add a run that begins where the one before ended."""
         if math.isnan(self.first):
             self.first = run.begin
-        sticks = self.sticks[-1:].tolist()  # the last one may go on
-        for a, b in stick_intervals(run, self.element):
-            if sticks and sticks[-1][1] >= a:
-                sticks[-1][1] = b
-            else:
-                sticks.append([a, b])
+        sticks = joined([*self.sticks[-1:].tolist(), *stick_intervals(run, self.element)])  # the last one may go on
         self.sticks = np.concatenate([self.sticks[:-1], np.array(sticks).reshape(-1, 2)])
         edges = np.linspace(run.begin, run.end, max(round((run.end - run.begin) / self.length), 1) + 1)
         found = steps_of(run.every_step, self.signal, run.begin, run.end, tuple(edges[1:-1].tolist()))
@@ -272,14 +238,17 @@ class Judge:
         while True:
             run = run_on(state, self._ahead(record) * piece)
             state = run.last
-            if record is None:
-                record = Record(self.element, self.signal, shortest_stick(self.swing, run.accuracy), WINDOW * self.swing)
+            record = record or self._record(run)
             record.add(run)
             judged = self.decided(record)
             if judged is not None or record.now - record.first >= self.budget * self.swing:
                 late = max(record.first, record.now - 2 * piece)
                 regime = SWINGS if self._wanders(record) else NOT_DECIDED
                 return judged or self._verdict(regime, record, late, record.resolved[record.resolved[:, 0] > late]), state
+
+    def _record(self, run: Trajectory) -> Record:
+        """An empty record of the machine of a run."""
+        return Record(self.element, self.signal, shortest_stick(self.swing, run.accuracy), WINDOW * self.swing)
 
     def _ahead(self, record: Record | None) -> int:
         """How many pieces of the least length are looked at next: more, the longer nothing has decided, but none behind the budget."""
@@ -291,7 +260,7 @@ class Judge:
 
     def of_run(self, run: Trajectory, after: float) -> Judged:
         """The verdict on a run as it is, from a time on [s]; not decided where it is too short to tell."""
-        record = Record(self.element, self.signal, shortest_stick(self.swing, run.accuracy), WINDOW * self.swing)
+        record = self._record(run)
         record.add(run)
         record.sticks = np.maximum(record.sticks[record.sticks[:, 1] > after], after)
         record.first = max(record.first, after)

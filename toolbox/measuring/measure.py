@@ -19,104 +19,22 @@ from toolbox.arguments import number
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.halving import zero
-from toolbox.measuring.energy import EnergyAudit as EnergyAudit
-from toolbox.measuring.energy import energy_audit as energy_audit
-from toolbox.measuring.energy import gauss
+from toolbox.measuring.energy import EnergyAudit, energy_audit, gauss
 from toolbox.measuring.severity import Extent, check_definition, severity_of
+from toolbox.measuring.sticks import stick_intervals, stuck_ratio
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import check_run, scalar, window
 
 if TYPE_CHECKING:
     from toolbox.measuring.quintics import Steps
 
-
-# ------------------------------------------------------------------------------------------------------------------------- intervals of stick
-def stick_intervals(
-    run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None, *, mode: str = "stick"
-) -> list[tuple[float, float]]:
-    """Return begin and end [s] of every stick phase of a contact in a window.
-
-    Begin and end are located events, not recorded samples. Phases that reach over an end of the window are cut there.
-
-    Parameters
-    ----------
-    run
-        The run.
-    element
-        Name of the contact, such as "bit".
-    after, until
-        Begin and end of the window [s]. By default the whole run.
-    mode
-        The mode whose phases are returned, by default "stick". Another example is "closed" for a wall.
-
-    Returns
-    -------
-    list of (float, float)
-        Begin and end [s] of every phase, in order.
-
-    Raises
-    ------
-    SceneError
-        If the element is unknown, or the window lies outside the run.
-
-    Examples
-    --------
-    >>> from models import BlockOnBelt
-    >>> from toolbox import compose, measure, simulate
-    >>> run = simulate(compose(BlockOnBelt()), "60 s")
-    >>> for begin, end in measure.stick_intervals(run, "belt", after=20.0, until=50.0):
-    ...     print(f"{begin:.2f} s to {end:.2f} s")
-    21.44 s to 29.14 s
-    33.44 s to 41.14 s
-    45.44 s to 50.00 s
-    """
-    begin, end = window(run, after, until)
-    found: list[tuple[float, float]] = []
-    for first, last, word in run.intervals(element):
-        first, last = max(first, begin), min(last, end)
-        if word != mode or first >= last:
-            continue
-        if found and found[-1][1] == first:  # a release that is taken back at the same instant does not part two stays
-            found[-1] = (found[-1][0], last)
-        else:
-            found.append((first, last))
-    return found
+__all__ = [
+    "Contact", "EnergyAudit", "StickSlipPeriod", "contact", "cycles", "energy_audit", "extent", "mean_square", "overshoot", "rubbing_speed", "settling",
+    "severity", "standstill", "stick_intervals", "stuck_ratio",
+]  # fmt: skip
 
 
-def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
-    """Measure the fraction of the time during which a contact sticks, from 0 to 1.
-
-    Parameters
-    ----------
-    run
-        The run.
-    element
-        Name of the contact, such as "bit".
-    after, until
-        Begin and end of the window [s]. By default the whole run.
-
-    Returns
-    -------
-    float
-        Time in stick divided by the length of the window [1].
-
-    Raises
-    ------
-    SceneError
-        If the element is unknown, or the window lies outside the run.
-
-    Examples
-    --------
-    >>> from models import BlockOnBelt
-    >>> from toolbox import compose, measure, simulate
-    >>> run = simulate(compose(BlockOnBelt()), "60 s")
-    >>> print(f"{measure.stuck_ratio(run, 'belt', after=20.0):.3f}")
-    0.642
-    """
-    begin, end = window(run, after, until)
-    return run.time_in(element, "stick", begin, end) / (end - begin)
-
-
+# ------------------------------------------------------------------------------------------------------------------------------------------ cycles
 @dataclass(frozen=True)
 class StickSlipPeriod:
     """One cycle of stick-slip: slip from the release at `start` for the time `slip`, then stick for the time `stick` until the next release [s].
@@ -244,7 +162,7 @@ def mean_square(run: Recorded, signal: str, target: float = 0.0, *, after: Numbe
     signal
         Name of a scalar signal, such as "bit.speed".
     target
-        The target, in the SI unit of the signal.
+        The target, in the SI unit of the signal, by default 0.
     after, until
         Begin and end of the window [s]. By default the whole run.
 
@@ -338,9 +256,10 @@ def severity(
     after, until
         Begin and end of the window [s]. By default the whole run.
     definition
-        One of the four definitions above.
+        One of the four definitions in the table above, by default "half-range".
     reference
-        The set-point, in the SI unit of the signal or as text with a unit. Only for the definition "reference".
+        The set-point, in the SI unit of the signal or as text with a unit. Only for the definition "reference", by
+        default None.
 
     Returns
     -------
@@ -393,7 +312,7 @@ def settling(
         The target, in the SI unit of the signal or as text with a unit. Or the name of a signal, such as
         "top.reference": its value at the end of the window is the target.
     band
-        Half-width of the band, as a fraction of `size`.
+        Half-width of the band, as a fraction of `size`, by default 0.02.
     after, until
         Begin and end of the window [s]. By default the whole run.
     size
@@ -455,7 +374,7 @@ def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberO
     signal
         Name of a scalar signal, such as "disc.speed".
     speed
-        The value that counts as standstill, in the SI unit of the signal.
+        The value that counts as standstill, in the SI unit of the signal, by default 0.
     after, until
         Begin and end of the window [s]. By default the whole run.
 

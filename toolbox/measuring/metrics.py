@@ -21,7 +21,7 @@ import numpy as np
 from toolbox.arguments import number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.measuring import measure
+from toolbox.measuring import measure, sticks
 from toolbox.measuring.severity import check_definition
 from toolbox.modelling.closing import kind_of
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -84,7 +84,7 @@ class Metric:
     @property
     def mode(self) -> str:
         """The mode that is looked for, of a measure of an element."""
-        return str(dict(self.settings).get("mode", "stick"))
+        return str(dict(self.settings).get("mode", sticks.STICK))
 
     @property
     def in_loops(self) -> bool:
@@ -175,20 +175,20 @@ def _final(run: Recorded, of: str, after: float, until: float | None) -> float:
 
 
 def _time_in(run: Recorded, of: str, after: float, until: float | None, mode: str) -> float:
-    return run.time_in(of, mode, *window(run, after, until))
+    return sticks.stick_time(run, of, after, until, mode=mode)
 
 
 def _stays(run: Recorded, of: str, after: float, until: float | None, mode: str) -> float:
-    return len(measure.stick_intervals(run, of, after, until, mode=mode))
+    return len(sticks.stick_intervals(run, of, after, until, mode=mode))
 
 
 def _last_stay(run: Recorded, of: str, after: float, until: float | None, mode: str) -> float:
-    found = measure.stick_intervals(run, of, after, until, mode=mode)
+    found = sticks.stick_intervals(run, of, after, until, mode=mode)
     return found[-1][1] if found else math.nan
 
 
 def _longest_stay(run: Recorded, of: str, after: float, until: float | None, mode: str) -> float:
-    return max((end - begin for begin, end in measure.stick_intervals(run, of, after, until, mode=mode)), default=0.0)
+    return max((end - begin for begin, end in sticks.stick_intervals(run, of, after, until, mode=mode)), default=0.0)
 
 
 def _events(run: Recorded, of: str, after: float, until: float | None) -> float:
@@ -197,8 +197,7 @@ def _events(run: Recorded, of: str, after: float, until: float | None) -> float:
 
 
 def _releases(run: Recorded, of: str, after: float, until: float | None) -> float:
-    _, end = window(run, after, until)
-    return sum(last < end for _, last in measure.stick_intervals(run, of, after, until))
+    return len(sticks.releases(run, of, after, until))
 
 
 def _distance(run: Recorded, of: str, after: float, until: float | None) -> float:
@@ -222,7 +221,7 @@ PER_AVERAGE = 50
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------- the list
-_STICK = (("mode", "stick"),)
+_STICK = (("mode", sticks.STICK),)
 
 severity = Metric(
     "severity", "severity", "speed", "1", measure.severity, "severity", settings=(("definition", "half-range"), ("reference", None))
@@ -232,7 +231,7 @@ maximum = Metric("maximum", "maximum", "speed", "", _maximum, "highest")
 mean = Metric("mean", "mean", "speed", "", _mean, "mean")
 final = Metric("final", "value at the end", "speed", "", _final, "ends", True)
 time_in = Metric("stuck", "time in {mode}", "contact", "s", _time_in, "spent", settings=_STICK)
-stuck_ratio = Metric("stuck_ratio", "part of the time in stick", "contact", "1", measure.stuck_ratio, "ratio")
+stuck_ratio = Metric("stuck_ratio", "part of the time in stick", "contact", "1", sticks.stuck_ratio, "ratio")
 stays = Metric("sticks", "{mode} phases", "contact", "1", _stays, "number", settings=_STICK)
 longest_stay = Metric("longest_stick", "longest {mode}", "contact", "s", _longest_stay, settings=_STICK)
 last_stay = Metric("last_stick", "end of the last {mode}", "contact", "s", _last_stay, "latest", True, _STICK)

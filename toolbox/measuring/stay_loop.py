@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from toolbox.measuring.sticks import lasts
 from toolbox.translation.compiled import Compiled
 
 
@@ -44,7 +45,7 @@ def note_end(given, i, was, t, switched, since, spent, number, latest, switches)
         if switched and given.asked[q, 2] <= t <= given.asked[q, 3]:
             switches[q] += 1
         first, last = max(since[i], given.asked[q, 2]), min(t, given.asked[q, 3])
-        if was == given.asked[q, 1] and first < last:
+        if was == given.asked[q, 1] and lasts(first, last):
             spent[q] += last - first
             if latest[q] != first:  # a stay that is left and taken up at one instant is one
                 number[q] += 1

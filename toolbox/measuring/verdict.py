@@ -1,4 +1,4 @@
-"""The verdict on a run as one value, and the only place in which it is decided from which amount on a contact sticks, stands, or sticks and slips.
+"""The verdict on a run as one value, and the only place in which it is decided from which amount on a contact sticks and slips.
 
 Four kinds of evidence exist, and each has its function here:
 
@@ -7,7 +7,7 @@ Four kinds of evidence exist, and each has its function here:
 - numbers of the third and the last quarter of many runs side by side (`of_quarters`), which decide the clear ones, and leave the others to the judge;
 - the range of the bit speed and the members of an ensemble that estimates it from a log (`stick_slip_begins`, `stick_slip_ends`).
 
-A stick counts if it is longer than the run resolves (`is_stick`). So no contact sticks by round-off in one verb and slips in the next.
+Which sticks count, and whether a contact stands, is decided in `toolbox.measuring.sticks`.
 """
 
 from __future__ import annotations
@@ -29,10 +29,9 @@ from toolbox.measuring.judge import (
     STICKS,
     SWINGS,
     Judged,
-    is_stick,
-    told_growth,
 )
 from toolbox.measuring.metrics import Metric
+from toolbox.measuring.sticks import stands
 
 SAME_STICK = 0.9
 """Mean stick of the last quarter, in parts of that of the quarter before, from which on sticks are taken to last; sticks that shorten are judged."""
@@ -49,9 +48,6 @@ KEEPS = 0.95
 
 DIED_OUT = 10.0
 """Severity in the last quarter, in accuracies of the run, up to which a swing has died out: from a start far away only a run that comes back gets there."""
-
-STANDING = 0.999
-"""Share of a time in stick from which on a contact stands in all of it."""
 
 SEVERE, CALM = 0.85, 0.6
 """Severity from which on a bit that has stuck is evidence of stick-slip, below which it is over: half-range over the mean, 1 where it just stops."""
@@ -145,15 +141,25 @@ def of_judged(judged: Judged, count: int) -> Verdict:
         if judged.sticks:
             return STICK_SLIP.because(why)
         if judged.rate > 0:
-            return Verdict(told_growth(judged.rate), failed=True, reason=why)
+            return growing(judged.rate, why)
         return UNDECIDED.because(why) if count or not math.isnan(judged.rate) else NO_STICK.because(why)
     return Verdict(judged.regime, judged.regime, failed=True)
+
+
+def growth_in_words(rate: float) -> str:
+    """Return how a small disturbance that goes as exp(rate t) goes on; "-" if the rate [1/s] is not known or zero."""
+    return f"{'grows' if rate > 0 else 'dies'} in {1 / abs(rate):.3g} s" if rate and math.isfinite(rate) else "-"
+
+
+def growing(rate: float, reason: str) -> Verdict:
+    """Return the verdict on a run of which only this is known: a small disturbance of smooth running grows at a rate [1/s]."""
+    return Verdict(growth_in_words(rate), failed=True, reason=reason)
 
 
 def reason_of(judged: Judged) -> str:
     """Return the reason of a verdict of the judge, in words."""
     if judged.regime == SMOOTH:
-        return f"a small disturbance {told_growth(judged.rate)}" if judged.rate < 0 else "the deviation from smooth running falls"
+        return f"a small disturbance {growth_in_words(judged.rate)}" if judged.rate < 0 else "the deviation from smooth running falls"
     if judged.regime == STICKS:
         return f"the same stick comes back every {judged.interval:.3g} s" if math.isfinite(judged.interval) else "sticks come back"
     if judged.regime == STANDS:
@@ -162,7 +168,7 @@ def reason_of(judged: Judged) -> str:
         return "the same swing comes back without a stick"
     if judged.regime == NOT_DECIDED and judged.sticks:
         return "sticks go on and never repeat"
-    grows = f": a small disturbance of smooth running {told_growth(judged.rate)}" if judged.rate > 0 else ""
+    grows = f": a small disturbance of smooth running {growth_in_words(judged.rate)}" if judged.rate > 0 else ""
     return f"nothing decides before the run is given up{grows}"
 
 
@@ -229,28 +235,6 @@ def of_quarters(found: Mapping[str, Any], quarter: float, accuracy: float) -> tu
     return falling, slipping, standing
 
 
-def stands(share: Any) -> Any:
-    """Return whether a contact stands in a time: whether it sticks in practically all of it.
-
-    Parameters
-    ----------
-    share
-        Share of the time in which the contact sticks [1], a number or an array.
-
-    Returns
-    -------
-    bool or np.ndarray
-        True from a share of 0.999 on, element by element.
-
-    Examples
-    --------
-    >>> from toolbox.authoring import stands
-    >>> print(f"{stands(1.0):d} of the first, {stands(0.4):d} of the second")
-    1 of the first, 0 of the second
-    """
-    return share >= STANDING
-
-
 def stick_slip_begins(severity: float, probability: float) -> bool:
     """Return whether an estimated severity, and the share of an ensemble that has stuck, begin stick-slip."""
     return severity >= SEVERE and probability >= STUCK_MEMBERS
@@ -259,6 +243,3 @@ def stick_slip_begins(severity: float, probability: float) -> bool:
 def stick_slip_ends(severity: float) -> bool:
     """Return whether an estimated severity ends stick-slip; one that is not known does not end it."""
     return severity < CALM
-
-
-__all__ = ["Verdict", "is_stick", "of_judged", "of_quarters", "of_sticks", "quarters", "stands", "stick_slip_begins", "stick_slip_ends"]

@@ -44,9 +44,9 @@ from toolbox.vocabulary import new_names_only, refuse_former_names
 class ClosedLoop(Printed):
     """Plant with its controllers, inputs, parameters and start values.
 
-    `closed_loop` makes a loop, all functions take it, and `print` shows the numbers of its controllers. Two loops are
-    equal if their plants, controllers and numbers are equal. A function among them, such as a callable controller,
-    equals only itself.
+    The function `closed_loop` makes a loop. All functions that simulate or analyse take a loop, and `print` shows the
+    numbers of its controllers. Two loops are equal if their plants, controllers and numbers are equal. A Python
+    function in a loop, such as a callable controller, equals only itself.
 
     Attributes
     ----------
@@ -64,12 +64,13 @@ class ClosedLoop(Printed):
     label
         Name of the loop in tables and figures.
     element, signal
-        Names of the contact and of the speed that are judged. None means the only contact of the plant and its speed.
+        Names of the contact whose stick phases are counted, and of the speed that is measured. None means the only
+        contact of the plant and its speed.
     duration, after, accuracy
-        Length of a run [s], time from which on a run is judged [s], and accuracy of a run. None for a loop that does
-        not come from a scene.
+        Length of a run [s], time from which on a run is judged [s], and target for the global error of a run [1]. None
+        for a loop that does not come from a scene file.
     effort
-        Input whose peak is reported. None for a loop that does not come from a scene.
+        Name of the input whose peak is reported. None for a loop that does not come from a scene file.
     reference
         Set-point of `signal`: a number, or the name of the input that gives the set-point. None: the set-point of the
         controller, if there is one.
@@ -132,7 +133,7 @@ class ClosedLoop(Printed):
         Parameters
         ----------
         changes
-            {field: new value}.
+            {field: new value}. The field is an attribute of `ClosedLoop`, such as `inputs`.
         """
         other = dataclasses.replace(self, **changes)
         if "designed_controllers" in self.__dict__ and not {"plant", "controllers"} & changes.keys():
@@ -193,8 +194,8 @@ class ClosedLoop(Printed):
         """
         if self.is_sampled:
             raise SceneError(
-                "Argument `loop` must hold laws in their continuous form, but it holds a sampled one, whose sample time and delay would be left out: "
-                "give `loop.continuous_loop` for the limit of fast sampling; `onset` and `margins` take it as it is."
+                "Argument `loop` must have continuous controllers, but one is sampled, and its sample time and delay would be left out: "
+                "give `loop.continuous_loop` for the limit of fast sampling, or use `onset` or `margins`, which include sampling."
             )
         return self.continuous_loop
 
@@ -258,7 +259,8 @@ class ClosedLoop(Printed):
         Parameters
         ----------
         signal
-            Name of the signal. If the set-point was given as text, its unit must fit the unit of this signal.
+            Name of the signal, such as "top.speed". If the set-point was given as text, its unit must fit the unit of
+            this signal.
         """
         if isinstance(self.reference, str) and self.reference in self.variable_numbers():
             return self.number(self.reference).value
@@ -277,9 +279,10 @@ class ClosedLoop(Printed):
 
     # -------------------------------------------------------------------------------------------------------------------------------------- numbers
     def variable_numbers(self) -> dict[str, Number]:
-        """Return all numbers of the loop that can be varied, as {name: number}.
+        """Return all numbers of the loop whose values can be changed, as {name: number}.
 
-        A number has a unit, bounds and a value and, if an input overrides it, the name of this input.
+        These are the parameters of plant and controllers, inputs, start values, and sample time and delay of sampled
+        controllers. A number has a unit, bounds and a value and, if an input overrides it, the name of this input.
         """
         return numbers_in(self)
 
@@ -291,7 +294,8 @@ class ClosedLoop(Printed):
         return {name: number.overridden for name, number in known if number is not None and number.overridden is not None}
 
     def number(self, name: str) -> Number:
-        """Return one number of the loop.
+        """Return the description (value, unit, bounds) of one number of the loop, such as a parameter, an input or a
+        start value.
 
         Parameters
         ----------
@@ -327,12 +331,13 @@ class ClosedLoop(Printed):
         raise SceneError(f"There is no number `{name}` in this loop: {suggest(name, known)}")
 
     def varied_number(self, name: str) -> Number:
-        """Return one number of the loop that is to be varied.
+        """Return the description of one number (value, unit, bounds) of which other values are to be tried.
 
         Parameters
         ----------
         name
-            Name of the number, or the end of its name, as for the method `number`.
+            Name of the number, such as "bit.weight". The end of the name is enough if no other name has the same end:
+            `proportional` for `pi.proportional`.
 
         Raises
         ------
@@ -341,23 +346,24 @@ class ClosedLoop(Printed):
         """
         number = self.number(name)
         if number.overridden is not None:
-            given = number.overridden in self.system.inputs
-            why = f"the input `{number.overridden}` takes its place: vary that one" if given else f"a law drives `{number.overridden}`"
-            raise SceneError(f"Argument `{name}` must have an effect to be varied, but {why}.")
+            raise SceneError(f"Argument `{name}` must have an effect to be varied, but {why_without_effect(self, number.overridden)}.")
         return number
 
     def differentiable_number(self, name: str, function: str, allowed: Callable[[Number], bool] = lambda number: False) -> Number:
-        """Return one number of the loop for a function that needs derivatives: an input or a parameter of the equations.
+        """Return the description of one number (value, unit, bounds) for a function that needs derivatives.
+
+        Such a number is an input, or a parameter of the equations.
 
         Parameters
         ----------
         name
-            Name of the number, or the end of its name, as for the method `number`.
+            Name of the number, such as "bit.weight". The end of the name is enough if no other name has the same end:
+            `proportional` for `pi.proportional`.
         function
             Name of the function that needs derivatives, for the error message.
         allowed
             Function number -> bool. Numbers of other kinds are allowed, too, if this function returns True for them. By
-            default none are.
+            default no other kind is allowed.
 
         Raises
         ------
@@ -382,7 +388,7 @@ class ClosedLoop(Printed):
         Parameters
         ----------
         name
-            A name of `variable_numbers()`.
+            Name of the number, such as "bit.weight": a key of `variable_numbers()`.
         value
             Its value in SI, or text with a unit.
 
@@ -399,8 +405,9 @@ class ClosedLoop(Printed):
         Parameters
         ----------
         given
-            {parameter: value in SI, or text with a unit}. The name may be that of a whole tuple, such as "chain.inertia", or of a field that only
-            the design of a controller uses.
+            {parameter: value in SI, or text with a unit}. A key may name a whole tuple, such as "chain.inertia": its
+            value is then the tuple of all entries, such as (2122, 374). A key may also name a field that only the
+            design of a controller uses.
 
         Raises
         ------
@@ -453,7 +460,8 @@ class ClosedLoop(Printed):
         for word, given in (("inputs", self.inputs), ("parameters", self.parameters), ("start", self.start)):
             if given:
                 lines.append(f"  {word}: " + ", ".join(f"{name} {self._read(name, value)}" for name, value in given.items()))
-        lines += [f"  {name} has no effect, because the input {taking} takes its place" for name, taking in self.overriding_inputs.items()]
+        without_effect = {name: why_without_effect(self, taking).replace("`", "") for name, taking in self.overriding_inputs.items()}
+        lines += [f"  the parameter {name} has no effect: {why}" for name, why in without_effect.items()]
         return "\n".join(lines)
 
     __repr__ = __str__
@@ -472,6 +480,13 @@ class ClosedLoop(Printed):
     def _read(self, name: str, value: Any) -> str:
         told = given_as(value, self.system.unit(name), self.display_units)
         return told or ("in time" if name in self.inputs else str(value))
+
+
+def why_without_effect(loop: ClosedLoop, overriding: str) -> str:
+    """Return the reason why a parameter has no effect, and its remedy: an input of this name overrides it, or a controller gives this signal."""
+    if overriding in loop.system.inputs:
+        return f"the input `{overriding}` overrides it (vary `{overriding}`)"
+    return f"a controller gives the signal `{overriding}` (vary a number of the controller)"
 
 
 @new_names_only
@@ -502,20 +517,23 @@ def closed_loop(
     sample_time
         Sample time [s] of controllers that are not `Sampled` themselves. By default a `Controller` acts continuously.
     inputs
-        {signal, or parameter of the plant that changes in time: value}. A value is a number, text with a unit, a
-        table (times, values), a shape of `toolbox.inputs`, or a casadi expression of `toolbox.time`.
+        {signal, or parameter of the plant that changes in time: value}. A value is a number, text with a unit, a table
+        (times, values), a shape such as `toolbox.sine(...)`, or a casadi expression of `toolbox.time`. By default every
+        input has the default value of its part.
     parameters
-        {parameter of the plant, or number of a controller: value}. Controllers keep the design that they have on the
-        declared plant.
+        {parameter of the plant, or number of a controller: value}, by default none. Controllers keep the design that
+        they have on the plant with its own values.
     start
-        {state, or signal that is a state: start value}. All other states start at 0. Or an `Equilibrium`, whose
-        states are used.
+        {state, or signal that is a state: start value}. All other states start at 0 (by default all states). Or an
+        `Equilibrium`, whose states are used.
     element, signal
-        Names of the contact and of the speed that are judged. By default the only contact and its speed.
+        Names of the contact whose stick phases are counted, and of the speed that is measured. By default the only
+        contact and its speed.
     reference
-        Value that the judged speed is to reach. By default the set-point of the controller.
+        Value that the speed `signal` is to reach, a number in SI, text with a unit, or the name of an input. By default
+        the set-point of the controller.
     label
-        Name of the loop in tables and figures.
+        Name of the loop in tables and figures. By default the classes of its parts.
 
     Returns
     -------

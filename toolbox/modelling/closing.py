@@ -10,6 +10,7 @@ import numpy as np
 
 from toolbox.arguments import count_of
 from toolbox.errors import SceneError, suggest
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.components import Component, checked, numbers_of, structure_of
 from toolbox.modelling.composition import NEEDED, assembled, numbered
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -27,30 +28,18 @@ class Closed(NamedTuple):
     plant
         The plant alone with the same numbers.
     clocks
-        (period, delay) of the sampled laws in order [s].
+        Clocks of the sampled laws in order.
     callables
         The laws in Python.
     seeds
         Seeds of the noise of the sampled laws.
-    irregular
-        (jitter [s], probability of a missed sample) of the sampled laws.
     """
 
     system: HybridSystem
     plant: HybridSystem
-    clocks: list[tuple[float, float]]
+    clocks: list[Clock]
     callables: list[Any]
     seeds: list[int]
-    irregular: list[tuple[float, float]]
-
-
-def check_regular(irregular: Sequence[tuple[float, float]], word: str) -> None:
-    """Raise SceneError where samples are late or missed, so that no period brings a loop round; word: what needs such a period."""
-    if any(jitter > 0.0 or missed > 0.0 for jitter, missed in irregular):
-        raise SceneError(
-            f"Arguments `jitter` and `missed_samples` must be left out {word}, because no period brings the samples of such a loop round: "
-            "judge its runs, by `simulate`, `sweep` or `worst_case`."
-        )
 
 
 def laws_of(given: Any, period: float | None) -> tuple[Any, ...]:
@@ -75,16 +64,14 @@ def designed_laws(declared: HybridSystem, laws: Sequence[Any]) -> list[Any]:
 def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[Any], made: Sequence[Any]) -> Closed:
     """A plant with laws as its parts; made: the laws as they are designed on the declared plant."""
     parts: list[Component] = []
-    clocks: list[tuple[float, float]] = []
-    irregular: list[tuple[float, float]] = []
+    clocks: list[Clock] = []
     callables: list[Any] = []
     seeds: list[int] = []
     for given, law in zip(laws, made, strict=True):
         sampled = given.with_sensor_units(declared.signal_unit) if isinstance(given, Sampled) else None
         if sampled is not None:
             sampled.check()
-            clocks.append((float(sampled.period), float(sampled.delay)))
-            irregular.append((float(sampled.jitter), float(sampled.missed_samples)))
+            clocks.append(sampled.clock)
             seeds.append(sampled.seed)
         if sampled is None and isinstance(given, Controller) and not isinstance(law, Controller):
             raise SceneError(f"{type(given).__name__} has no continuous form: give `sample_time`.")
@@ -92,7 +79,7 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
         if not isinstance(law, Controller):
             callables.append(law)
     if not parts:
-        return Closed(plant, plant, [], [], [], [])
+        return Closed(plant, plant, [], [], [])
     closed = _assembled(plant, parts)
     words = {
         name.partition(".")[0] for name in (*plant.signals, *plant.inputs)
@@ -102,7 +89,7 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
             driven = declared.redirected_signals.get(name, name)
             if driven not in closed.cache[NEEDED] and driven.partition(".")[0] in words:
                 raise SceneError(f"{kind_of(law)} drives `{driven}`, which no part of the machine needs: {suggest(driven, plant.inputs)}")
-    return Closed(closed, plant, clocks, callables, seeds, irregular)
+    return Closed(closed, plant, clocks, callables, seeds)
 
 
 def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Component:

@@ -127,8 +127,9 @@ class Component(Renamed, Declared):
         Parameters
         ----------
         signal
-            Function `signal(name, unit, default=...)` that returns the expression of a signal that the part needs. With
-            a default the signal becomes an input if no part gives it.
+            Function `signal(name, unit, default=...)` that returns the expression of a signal that the part needs. If
+            no other part gives the signal, it becomes an input with this default. Without a default such a signal is an
+            error.
 
         Returns
         -------

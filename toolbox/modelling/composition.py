@@ -11,13 +11,14 @@ import copy
 import copyreg
 import math
 from collections.abc import Callable, Iterable, Sequence
+from difflib import get_close_matches
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from toolbox.arguments import count_of, refuse
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError
 from toolbox.modelling.components import (
     Component,
     Equations,
@@ -147,6 +148,7 @@ class _Composer:
         self.components = components
         self.placeholders: dict[str, tuple[ca.SX, str]] = {}
         self.defaults: dict[str, Any] = {}
+        self.needed_by: dict[str, str] = {}
         self.disputed: set[str] = set()
         self.aliases: list[tuple[ca.SX, ca.SX]] = []
         self.parameters: dict[str, Parameter] = {}
@@ -319,6 +321,7 @@ class _Composer:
         if name not in self.placeholders:
             self.placeholders[name] = (placeholder, unit)
             self.defaults[name] = default
+            self.needed_by[name] = title
             return
         first, known_unit = self.placeholders[name]
         if known_unit != unit:
@@ -390,7 +393,9 @@ class _Composer:
                 f"Two parts have defaults of their own for the signal `{name}`: compose a part that gives it, or let only one of them have a default."
             )
         if default is None:
-            raise SceneError(f"Nobody gives the signal `{name}` [{unit}], and it has no default: {suggest(name, self.given)}")
+            near = get_close_matches(name, self.given, n=1, cutoff=0.85)
+            remedy = f"did you mean `{near[0]}`?" if near else f"add a part that gives `{name}` (`stickslip list` shows all parts)."
+            raise SceneError(f"{self.needed_by[name]} needs the signal `{name}` [{unit}], but no part gives it: {remedy}")
         if isinstance(default, ca.SX):
             if not all(ca.depends_on(ca.vertcat(*self.symbols), s) for s in ca.symvar(default)):
                 raise SceneError(f"The default of `{name}` must be a number or an expression of parameters, but it is {default}.")

@@ -57,7 +57,7 @@ def state(name: str, unit: str, size: int | None = None) -> State:
     unit
         SI unit of the state.
     size
-        Number of entries of a vector. None for a scalar.
+        Number of entries of a vector. By default None: a scalar.
 
     Returns
     -------
@@ -144,19 +144,19 @@ def quantity(
     Parameters
     ----------
     default
-        The declared value. Without it the field must be given.
+        The default value of the field. If it is left out, the user must give the field.
     unit
-        The SI unit.
+        The SI unit, such as "kg". By default "1" (no unit).
     meaning
-        The meaning of the number, in words.
+        The meaning of the number, in words. By default empty.
     at_least, above, at_most
-        Bounds: >=, > and <=.
+        Bounds of the value: value >= at_least, value > above and value <= at_most. By default None: no such bound.
     typical_range
-        (low, high) in SI, which contains every plausible value except 0. `math.inf` for no upper end. A part with a
-        value outside this range warns once (`UnusualValue`), and names the unit that was perhaps meant. Choose the
-        range so wide that no real machine is outside.
+        (low, high) in SI, which contains every plausible value except 0. `math.inf` for no upper end. By default None:
+        no range. A part with a value outside this range warns once (`UnusualValue`), and names the unit that was
+        perhaps meant. Choose the range so wide that no real machine is outside.
     source
-        Publication that gives the declared value. Empty if the value is an example without a publication.
+        Publication that gives the default value. By default empty: the value is an example without a publication.
 
     Returns
     -------
@@ -230,8 +230,8 @@ class FrictionLaw(Renamed, Declared):
     """Friction law: the coefficient of dry friction per unit of load, as a function of the slip speed.
 
     Write your own law as a frozen dataclass that is a subclass. Declare its numeric fields with `quantity`, and write
-    `sliding` and `breakaway`. The law must be smooth for positive slip speeds, except at kinks of fabs, fmin and fmax
-    and at the speeds at which it jumps, which it must declare as `break_speeds`.
+    the methods `sliding` and `breakaway`. The law must be a smooth function of positive slip speeds. Two exceptions are
+    allowed: kinks of casadi's fabs, fmin and fmax, and jumps at the speeds that the method `break_speeds` returns.
 
     A law with memory declares its internal states in `memory` and writes `evolution`. `sliding` is then the friction at
     constant slip speed. The force is a function of these states and of the slip, as for bristles (Dahl 1968) and
@@ -246,7 +246,7 @@ class FrictionLaw(Renamed, Declared):
     ... class Falling(FrictionLaw):
     ...     static: Quantity = quantity(0.5, "1", "static coefficient", above=0)
     ...
-    ...     def sliding(self, speed, *beyond):
+    ...     def sliding(self, speed):
     ...         return self.static / (1 + speed)
     ...
     ...     def breakaway(self):
@@ -272,7 +272,9 @@ class FrictionLaw(Renamed, Declared):
         return {}
 
     def evolution(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[ca.SX, Mapping[str, Any]]:
-        """Return (friction against the slip per unit of load, {internal state: its rate}). Only for a law with memory.
+        """Return (friction per unit of load, {internal state: its rate of change}) of a law with memory.
+
+        The friction acts against the slip.
 
         Parameters
         ----------
@@ -290,27 +292,39 @@ class FrictionLaw(Renamed, Declared):
     def energies(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[Any, Mapping[str, Any]]:
         """Return the stored energy and {name: dissipated power} of a law with memory, per unit of load.
 
-        By default the stored energy is 0, and the power of the friction is dissipated. The arguments are the arguments
-        of `evolution`.
+        By default the stored energy is 0, and the power of the friction is dissipated.
+
+        Parameters
+        ----------
+        slip
+            Slip velocity [m/s or rad/s], a column with one entry for each direction.
+        speed
+            Slip speed, the magnitude |slip| of the slip velocity.
+        load
+            Normal load of the contact [N].
+        memory
+            {internal state: its value}.
         """
         return 0.0, {"memory": ca.dot(self.evolution(slip, speed, load, memory)[0], slip)}
 
     def sliding(self, speed: ca.SX, *beyond: ca.SX) -> ca.SX:
-        """Return the kinetic friction per unit of load at a slip speed.
+        """Return the kinetic friction per unit of load (the coefficient of friction) at a slip speed.
 
         Parameters
         ----------
         speed
-            Slip speed >= 0.
+            Slip speed >= 0 [m/s or rad/s].
         beyond
-            One number for each of `break_speeds()`: 0 below this speed, 1 above it. A law without break speeds gets no
-            such argument.
+            Only for a law that jumps at certain speeds, which its method `break_speeds` returns: for each of these
+            speeds a number, 0 while the slip speed is below it, 1 above it. The toolbox passes these numbers, so that
+            the law need not compare speeds. For any other law this argument is empty.
         """
         raise _without(self, "sliding", "kinetic friction per unit of load")
 
     def break_speeds(self) -> tuple[Any, ...]:
-        """Return the slip speeds > 0 at which the law jumps. By default none. Each passage of such a speed is located
-        as an event of the element `<contact>.break`.
+        """Return the slip speeds > 0 at which the friction coefficient jumps. By default none.
+
+        In a run, each passage of such a speed is located as an event of the element `<contact>.break`.
         """
         return ()
 
@@ -321,7 +335,7 @@ class FrictionLaw(Renamed, Declared):
         return self
 
     def breakaway(self) -> ca.SX:
-        """Return the static friction per unit of load."""
+        """Return the static friction per unit of load, the largest friction at rest."""
         raise _without(self, "breakaway", "the static bound per unit of load")
 
     def check(self) -> None:
@@ -424,22 +438,23 @@ class DryFriction(Element):
         stick:  slip = 0 and |force| <= static = load * law.breakaway()
         slip:   force = -sgn(slip) * load * law.sliding(|slip|)
 
-    - `slip` may depend on states, parameters and time, but not on a sampled input.
+    - `slip` may depend on states, parameters and time, but not on a signal that a sampled controller gives.
     - `load` is 1 by default, for friction laws whose coefficient is a force. A negative load raises an error during the
       run. A load that cannot become negative is, for example, the `force` of a `UnilateralContact`.
-    - `lift_off` names a part that models the loss of contact. The error for a negative load mentions it.
+    - `lift_off` is the name of a part that models the loss of contact. The error for a negative load mentions this
+      name.
     - Each speed at which the law jumps is a separate element, `name.break`, with the modes "below" and "beyond".
 
     Slip in two directions: `slip` is a column of two slips with one unit, `casadi.vertcat(axial, radius * turning)`,
-    and `force` is a column of two. Both directions share one friction cone, so motion in one direction reduces the
-    friction in the other:
+    and `force` is a column of two. Both directions share one friction cone: |force| is limited, so motion in one
+    direction reduces the friction in the other:
 
         stick:  slip = 0 and |force| <= static, with the length of both columns
         slip:   force = -slip / |slip| * load * law.sliding(|slip|)
 
     The modes are then "stick" and "slip", and the signals `name.force` and `name.slip` are the lengths of the columns.
-    The direction of the force is a separate element, `name.direction`: "pull" from the break-away until the contact
-    moves, then "slip". The load must not come from a rigid contact.
+    The direction of the force is a separate element, `name.direction`. Its mode is "pull" from the break-away until the
+    contact moves, then "slip". The load must not come from a rigid contact.
 
     Friction law with memory: the contact has no modes, and force = -load * friction(slip, memory). Its internal states
     are signals such as `pad.deflection`. The energy audit then contains three more terms for the contact: the supplied

@@ -81,7 +81,7 @@ class SampledUpdate(NamedTuple):
 
 
 class HybridSystem(Renamed):
-    """Composed plant in normal form. `compose` makes it; `simulate`, `linearise` and the other functions read it.
+    """Plant that `compose` makes of its parts: states, signals, inputs, parameters, and equations as casadi expressions.
 
     Attributes
     ----------
@@ -100,13 +100,14 @@ class HybridSystem(Renamed):
     elements
         The set-valued elements.
     modeless
-        {contact without modes: name of its friction law, which has a memory}.
+        {contact whose friction law has a memory: name of this law}. Such a contact has no modes.
     begin
         Default start values of the states, shape (n,): 0, or the values that a law with memory declares.
     values
         Declared parameter values, shape (n_p,).
     shared_modes
-        {friction: (another friction on the same slip whose mode it shares, sign of its slip relative to that slip)}.
+        {friction: (other friction, sign)} for two frictions that act on the same slip. Both have one mode. The sign is
+        -1 if the slips have opposite signs.
     owners
         {state or element: index of the part to which it belongs}.
     held
@@ -116,7 +117,7 @@ class HybridSystem(Renamed):
     redirected_signals
         {signal used by the controllers: signal to which they are connected instead}.
     cache
-        Results that are computed or compiled once per structure.
+        Results that are computed or compiled once for all plants with the same equations.
     typed_units
         {SI unit: unit that was typed} in the scene of the plant. None without a scene.
     parameter_check
@@ -203,17 +204,23 @@ class HybridSystem(Renamed):
 
     @property
     def force_function(self) -> ca.Function:
-        """Casadi Function (t, x, u, p, m) -> forces of the elements."""
+        """Casadi Function (t, x, u, p, m) -> forces of the elements.
+
+        t is the time, x the states, u the inputs, p the parameters and m the modes. All are columns in SI.
+        """
         return self.function("forces", self.switched_equations.force, "F")
 
     @property
     def slip_function(self) -> ca.Function:
-        """Casadi Function (t, x, u, p, m) -> slips of the elements."""
+        """Casadi Function (t, x, u, p, m) -> slip speeds of the elements.
+
+        t is the time, x the states, u the inputs, p the parameters and m the modes. All are columns in SI.
+        """
         return self.function("slips", ca.densify(self.switched_equations.slip), "v")
 
     @property
     def input_defaults(self) -> ca.Function:
-        """Casadi Function p -> default values of the inputs."""
+        """Casadi Function p -> default values of the inputs, with the parameters p. Both are columns in SI."""
 
         def made() -> ca.Function:
             defaults = ca.vertcat(ca.SX(0, 1), *[entry.default for entry in self.inputs.values()])
@@ -224,8 +231,9 @@ class HybridSystem(Renamed):
     def function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
         """Return the casadi Function (t, x, u, p, m) -> expression.
 
-        The arguments are time, states, inputs, parameters and modes, as for `rhs`. The Function is kept under its name: a
-        second call with the same name, on this plant or on a plant of the same structure, returns the first Function.
+        The arguments are time, states, inputs, parameters and modes, as columns in SI. The Function is kept under its
+        name: a second call with the same name, on this plant or on a plant with the same equations, returns the first
+        Function.
 
         Parameters
         ----------
@@ -240,7 +248,7 @@ class HybridSystem(Renamed):
         return self.once(name, lambda: ca.Function(name, symbols, [ca.densify(expression)], names, [output]))
 
     def once(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return a result that is computed once and shared by all plants of the same structure.
+        """Return a result that is computed once and shared by all plants with the same equations.
 
         Parameters
         ----------
@@ -270,6 +278,11 @@ class HybridSystem(Renamed):
 
         The size is the number of entries of a vector state. It is None for a scalar state and for one entry of a vector
         state. For a name that is neither a state nor an entry, return None in place of the tuple.
+
+        Parameters
+        ----------
+        name
+            Name of the state or entry.
         """
         if not isinstance(name, str):
             return None
@@ -281,11 +294,23 @@ class HybridSystem(Renamed):
         return None
 
     def has_signal(self, name: object) -> bool:
-        """Return True if the name is a signal, an input, or one entry of a vector state."""
+        """Return True if the name is a signal, an input, or one entry of a vector state.
+
+        Parameters
+        ----------
+        name
+            The name, such as "bit.speed".
+        """
         return isinstance(name, str) and (name in self.signals or name in self.inputs or self.state_index(name) is not None)
 
     def has_parameter(self, name: str) -> bool:
-        """Return True if the name is a parameter, or one entry of a tuple of parameters."""
+        """Return True if the name is a parameter, or one entry of a tuple of parameters.
+
+        Parameters
+        ----------
+        name
+            The name, such as "bit.weight".
+        """
         head, _, tail = name.rpartition(".")
         return name in self.parameters or (head in self.parameters and tail.isdigit() and int(tail) < (self.parameters[head].size or 0))
 
@@ -293,6 +318,11 @@ class HybridSystem(Renamed):
         """Return the unit of a signal, an input, a parameter, or one entry of a vector state or tuple.
 
         Raises SceneError if the name is unknown.
+
+        Parameters
+        ----------
+        name
+            The name, such as "bit.speed".
         """
         if isinstance(name, str) and self.has_signal(name):
             return self.signal_unit(name)
@@ -303,7 +333,13 @@ class HybridSystem(Renamed):
         return self._parameter(name).unit
 
     def element(self, name: str) -> Element:
-        """Return the element with this name. Raises SceneError if there is no such element."""
+        """Return the element with this name. Raises SceneError if there is no such element.
+
+        Parameters
+        ----------
+        name
+            Name of the element, such as "bit".
+        """
         found = next((element for element in self.elements if element.name == name), None)
         if found is None:
             raise self.unknown_element_error(name)
@@ -312,11 +348,11 @@ class HybridSystem(Renamed):
     def element_modes(self, name: str) -> tuple[int, Mapping[int, str]]:
         """Return (index, names) for the mode of an element.
 
-        `index` is the position of its mode in the column of modes. It is the position of the element in `elements`, with one
-        exception: if two frictions act on the same slip, they share one mode, and `index` is the position of the first
-        friction for both of them.
+        `index` is the position of the mode of this element in the argument m (modes) of `rhs`. It equals the position
+        of the element in the list `elements`. Exception: two frictions on the same slip share one mode, and the index
+        of both is the position of the first friction.
 
-        `names` is {number of the mode: its name}, such as {0: "stick", 1: "slip+", -1: "slip-"}.
+        `names` maps the number of a mode to its name, such as {0: "stick", 1: "slip+", -1: "slip-"}.
 
         Parameters
         ----------
@@ -332,7 +368,13 @@ class HybridSystem(Renamed):
         return names.index(leader), {int(side * mode): word for mode, word in element.mode_names.items()}
 
     def unknown_element_error(self, name: str) -> SceneError:
-        """Return the SceneError to raise if a name is no element. A contact without modes (a friction law with memory) is no element."""
+        """Return the SceneError to raise if a name is no element. A contact without modes (a friction law with memory) is no element.
+
+        Parameters
+        ----------
+        name
+            The name that was given.
+        """
         if name in self.modeless:
             return SceneError(
                 f"`{name}` has no modes and never sticks exactly, because its friction law, {self.modeless[name]}, has a memory: judge the severity of a "
@@ -341,7 +383,13 @@ class HybridSystem(Renamed):
         return SceneError(f"There is no element `{name}`: {suggest(name, [element.name for element in self.elements])}")
 
     def signal_unit(self, name: str) -> str:
-        """Return the unit of a signal, an input, or one entry of a vector state. Raises SceneError for any other name."""
+        """Return the unit of a signal, an input, or one entry of a vector state. Raises SceneError for any other name.
+
+        Parameters
+        ----------
+        name
+            The name, such as "bit.speed".
+        """
         rows = self.state_index(name)
         if rows is not None:
             return rows[2]
@@ -351,6 +399,11 @@ class HybridSystem(Renamed):
         """Return a signal, an input, or one entry of a vector state as an expression in the symbols t, x, u, p, F and m.
 
         Raises SceneError if the name is unknown.
+
+        Parameters
+        ----------
+        name
+            The name, such as "bit.speed".
         """
         if isinstance(name, str) and name in self.signals:
             return self.signals[name][0]
@@ -358,11 +411,23 @@ class HybridSystem(Renamed):
         return self._input(name).symbol if rows is None else self.x[rows[0]]
 
     def substitute_forces(self, expression: ca.SX) -> ca.SX:
-        """Return an expression in which the symbols F are replaced by the forces as functions of t, x, u, p and m."""
+        """Return an expression in which the symbols F are replaced by the forces as functions of t, x, u, p and m.
+
+        Parameters
+        ----------
+        expression
+            Casadi expression in the symbols of the plant.
+        """
         return ca.substitute(expression, self.F, self.switched_equations.force) if self.elements else expression
 
     def input(self, name: str) -> Input:
-        """Return the input with this name. Raises SceneError if there is no such input."""
+        """Return the input with this name. Raises SceneError if there is no such input.
+
+        Parameters
+        ----------
+        name
+            Name of the input, such as "top.torque".
+        """
         if name in self.inputs:
             return self.inputs[name]
         if name in self.signals:
@@ -375,7 +440,13 @@ class HybridSystem(Renamed):
         return self.inputs[name]
 
     def parameter(self, name: str) -> Any:
-        """Return the declared value of a parameter in SI: a float, or an array for a tuple. Raises SceneError if the name is unknown."""
+        """Return the declared value of a parameter in SI: a float, or an array for a tuple. Raises SceneError if the name is unknown.
+
+        Parameters
+        ----------
+        name
+            Name of the parameter, such as "bit.radius", or of a tuple of parameters, such as "chain.inertia".
+        """
         entry = self._parameter(name)
         if entry.size is None:
             return float(self.values[entry.offset])

@@ -62,7 +62,17 @@ class Table:
 
     @staticmethod
     def of(name: str, times: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray) -> Table:
-        """Return a table of the nodes `times` [s] and `values` for the input `name`, after a check. Raises a SceneError that names the input."""
+        """Return a table of the nodes `times` [s] and `values` for the input `name`, after a check. Raises a SceneError that names the input.
+
+        Parameters
+        ----------
+        name
+            Name of the input, for error messages.
+        times
+            Times of the nodes [s], increasing, shape (n,).
+        values
+            Values at these times in the SI unit of the input, shape (n,).
+        """
         t, v = finite_array(times), finite_array(values)
         if t is None or v is None:
             raise SceneError(f"Argument `{name}` must be (times, values) of finite numbers, but it is ({times!r}, {values!r}).")
@@ -113,7 +123,15 @@ class Shape:
     numbers: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
 
     def expression(self, t: ca.SX, c: ca.SX) -> ca.SX:
-        """Return the formula as an expression of the symbols of time and coefficients."""
+        """Return the formula as an expression of the symbols of time and coefficients.
+
+        Parameters
+        ----------
+        t
+            Casadi symbol of the time.
+        c
+            Column of casadi symbols of the coefficients.
+        """
         return _FORMULAS[self.kind](t, c)
 
     def range(self) -> tuple[float, float]:
@@ -139,7 +157,15 @@ class Typed:
     numbers: Mapping[str, Any]
 
     def made(self, name: str, unit: str) -> Table | Shape:
-        """Return the shape as input of a signal in its unit. Raises SceneError if a value does not fit."""
+        """Return the shape as input of a signal in its unit. Raises SceneError if a value does not fit.
+
+        Parameters
+        ----------
+        name
+            Name of the signal.
+        unit
+            SI unit of the signal.
+        """
         units = UNITS[self.shape.__name__]
         return _made(self.shape, {key: parse(value, units[key] or unit, f"{name}.{key}") for key, value in self.numbers.items()})
 
@@ -250,7 +276,7 @@ def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) ->
     frequency
         Frequency [Hz].
     phase
-        Phase at the time 0 [rad].
+        Phase at the time 0 [rad], by default 0.
 
     Returns
     -------
@@ -321,7 +347,7 @@ def noise(mean: float, deviation: float, corner: float, seed: float = 0) -> Shap
         Corner frequency [Hz], > 0. 57 % of the power lies below the corner frequency, and none above five times the
         corner frequency.
     seed
-        Whole number from 0 to a million. Another seed gives another realisation.
+        Whole number from 0 to a million, by default 0. Another seed gives another realisation.
 
     Returns
     -------

@@ -23,7 +23,8 @@ import numpy as np
 
 from toolbox.arguments import finite_array, number, refuse, whole
 from toolbox.errors import ControllerError, SceneError, suggest
-from toolbox.files.units import in_si
+from toolbox.files.units import in_si, warn_unusual
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
 from toolbox.modelling.drive import drive_of
 from toolbox.modelling.elements import OptionalQuantities, Quantity, State, quantity, time
@@ -36,14 +37,16 @@ SIGNALS = ("measured_signals", "actuated_signals")
 
 @dataclass(frozen=True)
 class Controller(Component):
-    """Control law. Write your own controller as a frozen dataclass: write `continuous`, `sampled` or both.
+    """Base class of controllers. Write your own controller as a frozen dataclass with the method `continuous`,
+    `sampled` or both.
 
     The class attributes `measured_signals` and `actuated_signals` name the signals that the controller reads and the
     signals that it gives. A controller that declares no `measured_signals` may read any signal. In both methods the
     numeric fields of the controller are casadi symbols, so a changed gain needs no new compilation.
 
-    `design(plant)` is called once, with the declared values of the plant. It returns the controller that is used: a
-    `Controller`, or a callable (t, y) -> u if the controller cannot be written as a casadi expression (see `Sampled`).
+    The toolbox calls the method `design(plant)` once, with the parameter values of the plant. The method returns the
+    controller that acts in the loop: a `Controller`, or a callable (t, y) -> u (time, measured signals -> outputs) if
+    the controller cannot be written as a casadi expression.
 
     Examples
     --------
@@ -253,6 +256,10 @@ class Sensors(Component):
         return value
 
 
+USUAL_TIMES = (1e-7, 5.0)
+"""Usual sample times, delays and jitters [s]: a larger number was perhaps meant in ms."""
+
+
 @dataclass(frozen=True)
 class Sampled(Renamed):
     """Controller with its own sample time, delay and sensors.
@@ -267,8 +274,8 @@ class Sampled(Renamed):
     Parameters
     ----------
     law
-        A `Controller`, or any callable (t, y) -> u. y holds the measured signals in order; u is a number, or a sequence
-        of the actuated signals in order.
+        A `Controller`, or any callable (t, y) -> u. t is the time [s], y the array of the measured signals in order,
+        and u a number, or the sequence of the actuated signals in order.
 
         A callable may have an attribute `defaults` {signal: (value, unit)}, for example for `top.reference`. In y these
         signals follow after the measured signals. They are inputs of the loop with this value as default.
@@ -283,23 +290,26 @@ class Sampled(Renamed):
     period
         Sample time [s], > 0.
     delay
-        Time from a sample until its outputs take effect [s], >= 0. It may exceed the period.
+        Time from a sample until its outputs take effect [s], >= 0, by default 0. The delay may exceed the period.
     noise
-        {measured signal: standard deviation of white noise}, in the unit of the signal.
+        {measured signal: standard deviation of white noise}, in the unit of the signal. By default no noise.
     resolution
-        {measured signal: step of its encoder}, in the unit of the signal. The noise is added before the encoder.
+        {measured signal: step of its encoder}, in the unit of the signal. By default the measurement has no steps. The
+        noise is added before the encoder.
     seed
-        Seed of noise, jitter and missed samples, an integer >= 0. Controllers with the same seed get the same noise on
-        the same signal, the same lateness and the same misses at samples with the same number.
+        Seed of noise, jitter and missed samples, an integer >= 0, by default 0. Two controllers with the same seed get
+        the same noise on the same signal. Their samples with the same number are late by the same time, and the same
+        samples are missed.
     jitter
-        Largest lateness of a sample [s], >= 0 and less than the period. Sample k is taken at k period + jitter u_k, with
-        u_k uniform between 0 and 1 and independent of one another. The delay counts from there.
+        Largest lateness of a sample [s], >= 0 and less than the period, by default 0. Sample k is taken at the time k
+        period + jitter u_k. The numbers u_k are independent and uniform between 0 and 1. The delay counts from this
+        time.
     missed_samples
-        Probability that a sample is missed, >= 0 and < 1. At a missed sample the controller neither reads nor computes:
-        its memory and its outputs stay as they are.
+        Probability that a sample is missed, >= 0 and < 1, by default 0. At a missed sample the controller neither reads
+        nor computes: its memory and its outputs stay as they are.
 
         The first sample, at t = 0, is always taken, and on time. Lateness and misses follow from `seed` and the number
-        of the sample, so that the same run has the same ones each time.
+        of the sample, so a repeated run has the same lateness and misses.
     measured_signals, actuated_signals
         Names of the signals that a callable reads and gives. By default its own attributes of these names. If it has
         none: the first force or torque that the plant takes, and the speed at the same place, such as `top.torque` and
@@ -329,15 +339,22 @@ class Sampled(Renamed):
 
     def __post_init__(self) -> None:
         for word in ("period", "delay", "jitter"):
-            object.__setattr__(self, word, in_si(getattr(self, word), "s", word))
+            typed = getattr(self, word)
+            object.__setattr__(self, word, in_si(typed, "s", word))
+            warn_unusual(typed, getattr(self, word), "s", USUAL_TIMES, word)
+
+    @property
+    def clock(self) -> Clock:
+        """Sample time, delay, jitter and missed samples as one value."""
+        return Clock(*(float(getattr(self, name)) for name in Clock._fields))
 
     def with_sensor_units(self, unit: Callable[[str], str]) -> Sampled:
-        """Return the same controller with noise and resolution as numbers in SI.
+        """Return the same controller, with noise and resolution converted from text with units to numbers in SI.
 
         Parameters
         ----------
         unit
-            Function that returns the unit of a signal.
+            Function that returns the SI unit of a signal from its name.
         """
         sensors: dict[str, Any] = {}
         for word in ("noise", "resolution"):
@@ -375,7 +392,8 @@ class Sampled(Renamed):
                 refuse(f"Argument `{word}` of `{name}`", value, "1", bounds)
 
     def sensors(self, measured: Sequence[str]) -> Sensors:
-        """Return the sensors of a controller, a `Sensors` with names and values of `noise` and `resolution`.
+        """Return the sensors of this controller: a `Sensors` object with the names and values of `noise` and
+        `resolution`.
 
         Raises SceneError if `noise` or `resolution` names a signal that is not measured.
 
@@ -566,13 +584,14 @@ def _told(name: str, known: Iterable[str], sampled: Sampled, plant: HybridSystem
 class Takeover(Controller):
     """Two sampled controllers in one run: `before` acts until the time `at`, `after` acts from this time on, like a drive that is switched on.
 
-    Until the takeover the memory of `after` keeps its start values. After the takeover the memory of `before` stays
-    constant. This memory is recorded as `before.<name>`. Signals that only one of the two controllers gives are
-    recorded during the whole run. A takeover has no continuous form.
+    Until the takeover the memory of `after` (its states, such as an integral) keeps its start values. After the
+    takeover the memory of `before` stays constant. A run records the memory of `before` under the names
+    `before.<name>`. Signals that only one of the two controllers gives are recorded during the whole run. A takeover
+    has no continuous form.
 
     The design of some controllers, such as the predictive controllers, is a Python callable. If `before` or `after` is
-    such a controller, the takeover becomes a callable, too. The list `run.controllers[0].inside` then holds the
-    designed callable of `before`, of `after`, or of both.
+    such a controller, the takeover becomes a callable, too. After a run, the list `run.controllers[0].inside` then
+    holds these callables: of `before`, of `after`, or of both.
 
     Parameters
     ----------
@@ -611,7 +630,13 @@ class Takeover(Controller):
         return self.after.actuated_signals
 
     def design(self, plant: HybridSystem) -> Controller:
-        """Return the takeover with both controllers designed on the plant."""
+        """Return the takeover with both controllers designed on the plant.
+
+        Parameters
+        ----------
+        plant
+            The plant on which both controllers are designed.
+        """
         return dataclasses.replace(self, before=designed(self.before, plant), after=designed(self.after, plant))
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 from toolbox.arguments import refuse
 from toolbox.errors import SceneError
 from toolbox.modelling import inputs as shapes
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.components import numbers_of
 from toolbox.modelling.design_fields import redesigned
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -176,9 +177,7 @@ class ClockKind(NumberKind):
     unit
         Its unit.
     attribute
-        Its field of `Sampled`.
-    column
-        Its place among the numbers of a clock: sample time, delay, jitter, probability of a missed sample.
+        Its field of `Sampled` and of `Clock`.
     """
 
     is_clock = True
@@ -186,12 +185,16 @@ class ClockKind(NumberKind):
     last_word: str = "sample_time"
     unit: str = "s"
     attribute: str = "period"
-    column: int = 0
+
+    @property
+    def column(self) -> int:
+        """Its place among the numbers of a clock."""
+        return Clock._fields.index(self.attribute)
 
     @property
     def enters_update(self) -> bool:
         """Whether it is a parameter of the update of a controller, too, as the sample time is."""
-        return self.column == 0
+        return self.attribute == "period"
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         index = sampled_owner(loop, name)
@@ -211,13 +214,11 @@ class ClockKind(NumberKind):
                 check_sampled(law, float(value))
 
     def in_run(self, run: Any, loop: Loop, name: str, value: float) -> dict[str, Any]:
-        sampled = [law for law in loop.controllers if isinstance(law, Sampled)]
-        clocks = [(float(law.period), float(law.delay)) for law in sampled]
-        irregular = [(float(law.jitter), float(law.missed_samples)) for law in sampled]
+        clocks = [law.clock for law in loop.controllers if isinstance(law, Sampled)]
         system, path = run.system, clock_path(loop, sampled_owner(loop, name))
         if self.enters_update and path is not None:
             system = system.with_parameters({path: value})
-        return {"system": system, "clocks": clocks, "irregular": irregular, "start": run.start.on_clocks(clocks)}
+        return {"system": system, "clocks": clocks, "start": run.start.on_clocks(clocks)}
 
 
 class StartKind(NumberKind):
@@ -241,45 +242,47 @@ INPUT = InputKind("input", has_slope=True, borders=True, poles=True)
 PARAMETER = ParameterKind("parameter", has_slope=True, borders=True, poles=True, of_controller=True)
 DESIGN = DesignKind(
     "design", of_controller=True, redesigns=True,
-    why="only the design of a law knows it, so that no equation of the loop has a slope by it: vary a gain that it gives",
+    why="only the design of a controller uses it, so the equations of the loop have no derivative by it: vary a gain that the design gives",
 )  # fmt: skip
 SHAPE = ShapeKind("shape", why="it shapes an input in time, and steady running has constant inputs")
 NODE = NodeKind(
-    "node", sets_up=False, why="it is a number of a table in time, by which no slope is carried: give `loop.at(name, value)` for each value",
-    why_no_sweep="is a table, whose times and values all runs share; simulate `loop.at(name, value)` for each",
+    "node", sets_up=False, why="it is a number of a table in time, by which no derivative is computed: use `loop.at(name, value)` for each value",
+    why_no_sweep="is a table, which is the same in all runs; simulate `loop.at(name, value)` for each value",
 )  # fmt: skip
 HARDWARE = "it belongs to the hardware of the controller, and a search would end at a bound of its range"
 """Why `tune` does not vary clocks and sensors."""
 
 SAMPLE_TIME = ClockKind(
     "sample time", borders=True, poles=True, of_controller=True, redesigns=True, why_no_tuning=HARDWARE, meaning="sample time", bounds={"above": 0.0},
-    why="it is a sample time, by which a run has no slope, as its samples are taken at other instants: give `loop.at(name, value)` for each value",
+    why="it is a sample time, by which a run has no derivative, because a new value moves all samples: use `loop.at(name, value)` for each value",
 )  # fmt: skip
 DELAY = ClockKind(
-    "delay", last_word="delay", attribute="delay", column=1, borders=True, poles=True, of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
+    "delay", last_word="delay", attribute="delay", borders=True, poles=True, of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
     meaning="time from a sample until its outputs take effect", bounds={"at_least": 0.0},
-    why="it is a delay, by which a run has no slope, as outputs arrive at other instants: give `loop.at(name, value)` for each value",
+    why="it is a delay, by which a run has no derivative, because a new value moves all outputs in time: use `loop.at(name, value)` for each value",
 )  # fmt: skip
 JITTER = ClockKind(
-    "jitter", last_word="jitter", attribute="jitter", column=2, of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
+    "jitter", last_word="jitter", attribute="jitter", of_controller=True, redesigns=True, why_no_tuning=HARDWARE,
     meaning="largest lateness of a sample", bounds={"at_least": 0.0},
-    why="it is jitter, with which a loop has no poles, and runs have no slope, as samples are taken at other instants: vary it by `sweep`",
+    why="it is jitter, with which a loop has no poles and a run has no derivatives: vary it with `sweep`",
 )  # fmt: skip
 MISSED = ClockKind(
-    "missed samples", last_word="missed_samples", unit="1", attribute="missed_samples", column=3, of_controller=True, redesigns=True,
+    "missed samples", last_word="missed_samples", unit="1", attribute="missed_samples", of_controller=True, redesigns=True,
     why_no_tuning=HARDWARE, meaning="probability that a sample is missed", bounds={"at_least": 0.0, "below": 1.0},
-    why="it is a probability of missed samples, with which a loop has no poles, and runs have no slope: vary it by `sweep`",
+    why="it is a probability of missed samples, with which a loop has no poles and a run has no derivatives: vary it with `sweep`",
 )  # fmt: skip
 NOISE = ParameterKind(
     "noise", borders=True, of_controller=True, why_no_tuning=HARDWARE,
-    why="it is the noise of a sensor, of which smooth running and cycles without noise know nothing",
+    why="it is the noise of a sensor, which has no influence on smooth running and cycles, because they are computed without noise: vary it with `sweep`",
 )  # fmt: skip
 RESOLUTION = ParameterKind(
     "resolution", borders=True, of_controller=True, why_no_tuning=HARDWARE,
-    why="it is the step of an encoder, by which the equations of the loop have no slope: what is read jumps from step to step",
+    why="it is the step of an encoder, by which the equations of the loop have no derivative, because the measured value jumps",
 )  # fmt: skip
-START = StartKind("start", sets_up=False, why="it is a start value, of which a motion that has settled knows nothing")
-SHIFT = ShiftKind("shift", why="it is the shift of a channel of a recording, which a fit alone knows")
+START = StartKind(
+    "start", sets_up=False, why="it is a start value, which has no influence on steady running and cycles: vary it with `sweep`"
+)
+SHIFT = ShiftKind("shift", why="it is the time shift of a recorded channel, which only `fit` can estimate")
 
 SENSOR_KINDS = {"noise": NOISE, "resolution": RESOLUTION}
 """{last field of a parameter of `Sensors`: its kind}."""

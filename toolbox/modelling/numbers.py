@@ -242,9 +242,8 @@ def overridden(loop: Loop, name: str) -> str | None:
     if not system.has_parameter(name):
         return None
     defaults = {each: (system, system.inputs[each].default) for each in loop.input_values if each in system.inputs}
-    if plant.has_parameter(name) and not any(
-        delay > 0.0 for _, delay in loop.assembly.clocks
-    ):  # a late law leaves the default until its first output
+    late = any(clock.delay > 0.0 for clock in loop.assembly.clocks)  # a late law leaves the default until its first output
+    if plant.has_parameter(name) and not late:
         defaults |= {each: (plant, entry.default) for each, entry in plant.inputs.items() if each not in system.inputs}
     for each, (owner, default) in defaults.items():
         if owner.has_parameter(name) and ca.depends_on(default, owner.p[owner._parameter(name).offset]):

@@ -74,8 +74,15 @@ class Observer(Controller):
     estimates: ClassVar[tuple[str, ...]] = ()
 
     def create_estimator(self, plant: HybridSystem) -> Estimator | None:
-        """Return the estimator, a Python object, of an observer that cannot be written as a casadi expression, such as an
-        optimising observer. Without an override, the method returns None, and `sampled` or `continuous` is used.
+        """Return the estimator of an observer that cannot be written as a casadi expression, such as an optimising observer.
+
+        The estimator is a Python object. Without an override, the method returns None, and `sampled` or `continuous` is
+        used.
+
+        Parameters
+        ----------
+        plant
+            The plant whose signals are estimated.
         """
         return None
 
@@ -156,6 +163,11 @@ class ObserverBasedController(Controller):
         """Return the controller with its inner controller `law` and its observer designed on the plant.
 
         The result is a Python callable if the observer cannot be written as a casadi expression.
+
+        Parameters
+        ----------
+        plant
+            The plant on which the controller is designed.
         """
         check_fields(self.observer)
         estimator = self.observer.create_estimator(plant)

@@ -74,8 +74,8 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, match_s
     plant
         The plant.
     width
-        Slip speed within which friction rises to its peak, for all contacts and relays [unit of their slip]. Or
-        {element: width}: elements that are left out stay set-valued.
+        Slip speed within which friction rises to its peak, > 0, for all contacts and relays [m/s or rad/s]. Or
+        {element: width}: elements that are left out keep their set-valued friction.
     match_static_peak
         Whether the peak of the regularised friction is the static friction, by default True. Otherwise the peak is the
         lower value that tanh gives.

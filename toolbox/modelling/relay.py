@@ -8,11 +8,12 @@ from toolbox.modelling.elements import Element
 
 
 class Relay(Element):
-    """Ideal switch u = -bound sgn(surface), with true sliding on surface = 0.
+    """Ideal switch u = -bound sgn(surface): -bound above the surface, +bound below it, and exact sliding on surface =
+    0.
 
-    `surface` is an expression of the states. The output u is the force of the element (`force`), which the equations of
-    the part use. While surface = 0 is held (sliding), the mode is "stick", and u is the equivalent control: the value
-    between -bound and bound that keeps the surface at 0.
+    `surface` is an expression of the states, `bound` the magnitude of the output. The output u is the attribute `force`
+    of the relay, which the equations of a part use. While surface = 0 is held (sliding), the mode is "stick", and u is
+    the equivalent control: the value between -bound and bound that keeps the surface at 0.
 
     The force must act directly on the rate of the surface, and a positive force must raise it (relative degree one,
     positive gain): (d surface / dx) (dx' / du) > 0, with the states x and their rates x'. Otherwise `compose` raises
@@ -21,7 +22,8 @@ class Relay(Element):
     With `higher_degree=True` the force may act on the surface through lags. The relay then switches each time the
     surface passes through zero, and never slides.
 
-    The controller of the example, `IdealSlidingMode`, contains a relay, the element `slidingmode`.
+    The example does not write a relay. It uses the controller `IdealSlidingMode`, which contains a relay with the name
+    `slidingmode`.
 
     Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992.
 

@@ -11,7 +11,7 @@ from toolbox.vocabulary import Renamed
 
 
 class Stateful(Renamed):
-    """Base class of an object whose memory can be saved and restored: a controller in Python, or a part of a controller.
+    """Base class of an object whose memory can be saved and restored, such as a controller that is a Python callable.
 
     In a subclass, the class attribute `memory_fields` names exactly the attributes on which the next outputs depend.
     Such an attribute is a number, a truth value, an array of constant shape, or a part with a memory of its own. Truth
@@ -43,7 +43,13 @@ class Stateful(Renamed):
         )
 
     def set_memory(self, values: FloatArray) -> None:
-        """Restore a memory that `get_memory` returned at this sample or at an earlier one."""
+        """Restore a memory that `get_memory` returned at this sample or at an earlier one.
+
+        Parameters
+        ----------
+        values
+            The array that `get_memory` returned, shape (n,).
+        """
         place = 0
         for name in self.memory_fields:
             part = getattr(self, name)

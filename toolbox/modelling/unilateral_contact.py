@@ -12,14 +12,14 @@ from toolbox.modelling.elements import Element
 
 
 class UnilateralContact(Element):
-    """Unilateral contact, which pushes and never pulls: force N >= 0 with the closure d of its gap.
+    """Unilateral contact, which pushes and never pulls: its force N is >= 0 and acts only while the gap is closed.
 
         elastic (stiffness k, damping c):  N = k d + c d' while closed; closes when d and k d + c d' are both positive, opens at N = 0
         rigid (restitution e):             d' = 0 while closed, opens at N = 0; an impact turns d' into -e d'
 
-    `closure` d is negative while the contact is open. `rate` is d'. Give either `stiffness` or `restitution`. Stiffness
-    and damping may be expressions. For example, `damping=c * stiffness * closure` is the contact of Hunt and Crossley,
-    N = k d (1 + c d').
+    `closure` d is the overlap of the bodies, negative while the contact is open. `rate` is its rate of change d'. Give
+    either `stiffness` or `restitution`. Stiffness and damping may be expressions. For example, `damping=c * stiffness *
+    closure` is the contact of Hunt and Crossley, N = k d (1 + c d').
 
     - In the equations of motion N must act against the closure, with the sign that reduces d'.
     - Friction at the contact is a `DryFriction` with load N. List it after the unilateral contact in `elements`.

@@ -364,3 +364,8 @@ class Carried(Generic[Place]):
 def worse(judged: Judged, other: Judged) -> bool:
     """Whether a verdict is more of a stick-slip than another."""
     return RANK.index(judged.regime) > RANK.index(other.regime)
+
+
+def is_run(result: Any) -> bool:
+    """Whether a result of a journal is what a run came to."""
+    return isinstance(result, list) and len(result) == 2 and isinstance(result[0], list) and isinstance(result[1], dict | None)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
-from toolbox.measuring.judge import NOT_DECIDED, Judged, is_stick
-from toolbox.measuring.measure import stick_intervals
+from toolbox.measuring.judge import NOT_DECIDED, Judged
+from toolbox.measuring.sticks import lasting, stick_intervals
 from toolbox.measuring.verdict import NO_STICK, Verdict, of_judged, of_sticks
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
@@ -47,7 +47,7 @@ def verdict_on(run: Trajectory, element: str, signal: str, after: float) -> tupl
 def of_run(run: Trajectory, element: str, after: float, judged: Judged | None) -> tuple[Verdict, Judged | None]:
     """Return the verdict on a run of which the judge found something, or nothing, and that."""
     length = run.end - max(after, run.begin)
-    intervals = [each for each in stick_intervals(run, element, after) if is_stick(each[1] - each[0], length)]
+    intervals = lasting(stick_intervals(run, element, after), length)
     if judged is not None:
         return of_judged(judged, len(intervals)), judged
     found = of_sticks(intervals, after, run.end)

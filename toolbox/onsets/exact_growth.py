@@ -20,7 +20,7 @@ WAY = "matrices"
 
 def exact_run(base: Run) -> Run | None:
     """The run whose sampled loop has a matrix, without the errors of sensors; None where a controller is in Python, or samples are late or missed."""
-    if np.any(base.irregular) or base.controllers or any(update.from_callable for update in base.system.updates):
+    if not all(clock.regular for clock in base.clocks) or base.controllers or any(update.from_callable for update in base.system.updates):
         return None
     loop = without_sensor_errors(base.loop)
     return base if loop.system.p.numel() == base.system.p.numel() else Request(loop, 0.0, accuracy=base.accuracy).checked()

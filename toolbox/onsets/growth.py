@@ -186,7 +186,7 @@ class SmoothBranch(Generic[Place]):
         run, nearest = self.at(value), None
         for begin in self._beginnings(run, value):
             nearest = nearest or begin
-            if self.rough == TRIED or np.any(run.irregular):  # no map brings such a loop round
+            if self.rough == TRIED or not all(clock.regular for clock in run.clocks):  # no map brings such a loop round
                 break
             with contextlib.suppress(SimulationError):
                 searched = SampledMap(run, begin)

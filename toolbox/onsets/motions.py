@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import FloatArray, count_of
-from toolbox.measuring.judge import told_growth
+from toolbox.measuring.verdict import growth_in_words
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.simulation.run_state import RunState
@@ -50,7 +50,7 @@ class Growth:
         return Growth(float(exponent.real), 2 * math.pi / abs(exponent.imag) if exponent.imag else math.inf, way, error)
 
     def __str__(self) -> str:
-        return f"{told_growth(self.rate)}, by {self.way}"
+        return f"{growth_in_words(self.rate)}, by {self.way}"
 
 
 @dataclass(frozen=True)

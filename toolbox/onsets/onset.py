@@ -18,12 +18,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import number, whole
 from toolbox.errors import NoSteadyState, SceneError
+from toolbox.files.journal import Journal, fingerprint
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import BUDGET, NOT_DECIDED, STANDS, STICKS
@@ -32,6 +34,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.two_directions import check_one_direction
+from toolbox.onsets.carried import is_run
 from toolbox.onsets.coexisting import coexisting
 from toolbox.onsets.cycles import exact
 from toolbox.onsets.growth import SmoothBranch, check_autonomous
@@ -45,6 +48,7 @@ from toolbox.simulation.request import Request, accuracy_of
 from toolbox.steady_states.equilibria import EquilibriumBranch, state_values
 from toolbox.steady_states.hopf import HopfPoint, hopf_points_of, sampled_hopf_points
 from toolbox.steady_states.sampled_hopf import SampledBranch
+from toolbox.sweeps.variants import fingerprints
 
 SURE = 9
 """Number of values below which a report says that a cycle may live between them: with four, one of twelve wells drawn at random had one."""
@@ -64,8 +68,9 @@ def onset(
     perturbation: float = 1e-3,
     accuracy: float | None = None,
     initial_controller: Controller | Sampled | None = None,
+    checkpoint: str | Path | None = None,
 ) -> Onset:
-    """Find the borders of one parameter or input between smooth running, stick-slip and standstill.
+    """Find the values of one parameter or input at which smooth running, stick-slip and standstill begin and end.
 
     Use it to find, for example, the lowest set-point or the highest weight on bit at which a machine runs smoothly, and
     the margin of the operating point to this border. The result also contains the Hopf points of smooth running. This
@@ -94,26 +99,29 @@ def onset(
         Range (low, high) of the parameter, in SI or text with units. With ("20 rpm", "120 rpm") report and figure are
         in rpm.
     mode
-        {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide at
-        the start.
+        {contact or relay: mode} of the steady state, such as {"bit": "slip+"}. By default contacts slide in the
+        direction in which they slide at the start.
     guess
-        {state: value} near the steady state at the operating point. Needed if no steady state is found without it, for
-        example under a drive with limits.
+        {state: value} near the steady state at the operating point, as a start of the search. By default None: the
+        search starts without a guess. Needed if this search fails, for example under a drive with limits.
     num_values
-        Number of values at which smooth running and stick-slip are simulated.
+        Number of values of the parameter at which smooth running and stick-slip are simulated, by default 13.
     tolerance
-        Tolerance of borders that come from runs, in the unit of the parameter. By default 1/5000 of the range.
+        Tolerance of borders that are found by runs, in the SI unit of the parameter. By default 1/5000 of the range.
     duration
-        Longest time for which a run is continued until its regime is decided [s]. By default 2000 periods of the least
-        damped motion.
+        Longest time for which a run is continued until its regime (smooth running, stick-slip or standstill) is decided
+        [s]. By default 2000 periods of the least damped motion.
     perturbation
-        Disturbance of smooth running, as a fraction of the steady slip.
+        Disturbance of smooth running at the start of a run, as a fraction of the steady slip speed, by default 0.001.
     accuracy
         Target for the global error of the runs. By default the accuracy of the scene, else 1e-6.
-
     initial_controller
-        A controller whose stick-slip the loop takes over, such as `StiffPI()`. If stick-slip exists beside smooth
-        running at the operating point, the result says how many of 8 takeovers end in it.
+        A controller with which the machine sticks and slips, such as `StiffPI()`. If stick-slip exists beside smooth
+        running at the operating point, the controller of the loop then takes over this stick-slip at 8 phases. The
+        result says how many of these 8 runs end in stick-slip. By default None: no takeover is simulated.
+    checkpoint
+        File for the outcome of each run (JSON lines). A search that was interrupted continues from this file. By
+        default nothing is kept.
 
     Returns
     -------
@@ -126,7 +134,7 @@ def onset(
     ------
     SceneError
         If a name is unknown, the range is empty, an input or a controller varies in time, or there is no smooth running
-        in the range.
+        in the range, or if `checkpoint` holds another search.
 
     Examples
     --------
@@ -171,6 +179,12 @@ def onset(
         base=base, branch=branch, element=contact, signal=speed, perturbation=perturbation, period=period,
         budget=BUDGET if longest is None else longest / period, notes=notes, free=free, followed=followed,
     )  # fmt: skip
+    if checkpoint is not None:
+        asked = {
+            "bounds": [low, high], "values": grid.tolist(), "at": at, "tolerance": tolerance, "duration": search.budget, "mode": mode, "guess": guess,
+            "perturbation": perturbation, "initial controller": fingerprint(initial_controller),
+        }  # fmt: skip
+        search.journal = Journal(checkpoint, fingerprints(base, [parameter], **asked), is_run)
     with progress_bar(None, "onset") as search.bar:
         found = _both_branches(search, loop, [float(value) for value in grid], at, hopf, tolerance, initial_controller)
     return replace(found, display_units={**loop.display_units, free.unit: asked_unit})

@@ -17,7 +17,8 @@ from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import Reading, reading
-from toolbox.measuring.judge import SMOOTH, STANDS, STICKS, SWINGS, Judged, told_growth
+from toolbox.measuring.judge import SMOOTH, STANDS, STICKS, SWINGS, Judged
+from toolbox.measuring.verdict import growth_in_words
 from toolbox.steady_states.hopf import HopfPoint
 
 
@@ -414,7 +415,16 @@ class Onset(Told, Result):
             longest = "for good" if b.regime == STANDS else f"{b.longest:.3g} s" if b.longest else "-"
             number = f"{value * self._read.factor:.5g}"
             cells.append(
-                (number, a.regime, shown(a.severity), told_growth(a.rate), b.regime, shown(b.severity), longest, "lasts" if stands else "-")
+                (
+                    number,
+                    a.regime,
+                    shown(a.severity),
+                    growth_in_words(a.rate),
+                    b.regime,
+                    shown(b.severity),
+                    longest,
+                    "lasts" if stands else "-",
+                )
             )
         return cells
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import FloatArray, count_of
+from toolbox.modelling.clocks import Clock
 from toolbox.onsets.motions import Growth, Smooth, in_phase, least_damped, slip_rows
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
+from toolbox.steady_states.sampled_matrix import common_period
 
 ROUNDS = 5
 """Common periods of all sample times over which the map goes."""
@@ -39,18 +40,13 @@ NOISE = 1e-13
 """What two such runs may differ by that begin alike, as a fraction of each entry: a hundred times what was measured against exact matrices."""
 
 
-def section(clocks: list[tuple[float, float]]) -> tuple[float, float]:
+def section(clocks: list[Clock]) -> tuple[float, float]:
     """(phase, common period) of all sample times: a phase in the middle of the longest time without a sample or a late output."""
-    periods = [Fraction(period).limit_denominator(10**9) for period, _ in clocks]
-    common = periods[0]
-    for each in periods[1:]:
-        a, b = common.numerator * each.denominator, each.numerator * common.denominator
-        common = Fraction(math.lcm(a, b), common.denominator * each.denominator)
-    whole = float(common)
+    whole, counts = common_period([clock.period for clock in clocks])
     marks = {0.0}
-    for (period, delay), exact in zip(clocks, periods, strict=True):
-        for k in range(int(common / exact)):
-            marks |= {k * period / whole % 1.0, (k * period + delay) / whole % 1.0}
+    for clock, count in zip(clocks, counts, strict=True):
+        for k in range(count):
+            marks |= {k * clock.period / whole % 1.0, (k * clock.period + clock.delay) / whole % 1.0}
     edges = np.array([*sorted(marks), 1.0 + min(marks)])
     widest = int(np.argmax(np.diff(edges)))
     return whole * (0.5 * (edges[widest] + edges[widest + 1]) % 1.0), whole
@@ -65,7 +61,7 @@ class SampledMap:
     def __init__(self, run: Run, begin: RunState):
         phase, common = section(run.clocks)
         self.run, self.span = run, ROUNDS * common
-        late = max(delay for _, delay in run.clocks)
+        late = max(clock.delay for clock in run.clocks)
         until = phase + common * math.ceil((late + 2 * common) / common)
         self.state = self._again(begin, until - begin.time).last
         self.places = np.concatenate([np.arange(first, first + count_of(size)) for _, first, size in self.state.layout]).astype(int)

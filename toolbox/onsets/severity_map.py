@@ -37,7 +37,7 @@ from toolbox.measuring.judge import Judged
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.onsets.borders import Edges, edges_of
-from toolbox.onsets.carried import JudgedRuns
+from toolbox.onsets.carried import JudgedRuns, is_run
 from toolbox.onsets.front import Front
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS, Plane, map_runs, steady_plane
 from toolbox.onsets.regions import MEANINGS
@@ -228,6 +228,11 @@ class SeverityMap(Told, Result):
     def plot(self, axes: Any = None) -> Any:
         """Draw the severity from smooth running and from stick-slip side by side, with all borders
         (`toolbox.onsets.figures.severity_panels`). Return the axes.
+
+        Parameters
+        ----------
+        axes
+            Two matplotlib axes to draw on. By default None: a new figure.
         """
         from toolbox.onsets.figures import severity_panels
 
@@ -249,7 +254,13 @@ class SeverityMap(Told, Result):
         return [*headings, "growth [1/s]"], rows
 
     def save_borders(self, path: str | Path) -> Path:
-        """Write the borders as csv in SI units, atomically: one row per segment with the border and both numbers at both ends."""
+        """Write the borders as csv in SI units, atomically: one row per segment with the border and both numbers at both ends.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+        """
         rows: list[list[object]] = [
             [BORDERS[name], *map(float, np.ravel(segment))] for name, segments in self.borders.items() for segment in segments
         ]
@@ -303,10 +314,10 @@ def severity_map(
 ) -> SeverityMap:
     """Map the severity of stick-slip over two inputs or parameters, for runs from smooth running and for runs from stick-slip.
 
-    The map contains both branches of the machine (runs from smooth running and runs from stick-slip), the border at
-    which smooth running is lost, and the border at which stick-slip ends. As in `onset`, the borders follow from the
-    growth of a small disturbance of the running loop (`toolbox.onsets.growth`) and from runs that are continued until
-    their regime is decided (`toolbox.measuring.judge`). This works for every kind of controller.
+    The map contains the results of both kinds of runs, the border at which smooth running is lost, and the border at
+    which stick-slip ends. The borders follow from the growth of a small disturbance of the running loop, and from runs
+    that are continued until their regime (smooth running, stick-slip or standstill) is decided. This works for every
+    kind of controller.
 
     Parameters
     ----------
@@ -317,28 +328,30 @@ def severity_map(
         {name: (low, high)} of exactly two numbers, in SI or text with units. The first name gives the rows of all
         arrays.
     shape
-        Number of points of the grid along both axes.
+        Number of grid points along the first and the second number, by default (50, 50).
     duration
-        Longest time for which a run is continued until its regime is decided [s]. By default 2000 periods of the least
-        damped motion.
+        Longest time for which a run is continued until its regime (smooth running, stick-slip or standstill) is decided
+        [s]. By default 2000 periods of the least damped motion.
     mode
         {contact or relay: mode} of the steady state in the middle of the map. By default contacts slide in the
         direction in which they slide at the start.
     guess
-        {state: value} near the steady state in the middle of the map.
+        {state: value} near the steady state in the middle of the map, as a start of the search. By default None: the
+        search starts without a guess.
     halvings
-        Number of bisections of each grid edge that crosses a border, from 0 to 20.
+        Number of bisections of each grid edge that crosses a border, from 0 to 20, by default 3. Each bisection halves
+        the error of the border.
     executor
         Any `concurrent.futures.Executor`, such as the executor of a Dask client (`client.get_executor()`). It computes
         the runs from the points of the grid. By default one thread per core.
     checkpoint
         Folder for the map (`map.npz`) and the outcome of each run (`runs.jsonl`). A map that was interrupted continues
-        from this folder.
+        from this folder. By default None: nothing is stored.
 
     Returns
     -------
     SeverityMap
-        Severity and verdict on both branches, and the borders.
+        Severity and regime of the runs from smooth running and of the runs from stick-slip, and the borders.
 
     Raises
     ------
@@ -380,7 +393,7 @@ def severity_map(
             "halvings": halvings,
         }
         folder_of(Path(checkpoint))
-        search.journal = Journal(Path(checkpoint) / "runs.jsonl", fingerprints(search.base, plane.names, **asked), _is_run)
+        search.journal = Journal(Path(checkpoint) / "runs.jsonl", fingerprints(search.base, plane.names, **asked), is_run)
     front = Front(search=search, plane=plane, places=places, shape=shape, executor=executor)
     smooth = front.smooth()
     front.stopped()
@@ -426,11 +439,6 @@ def severity_map(
     if checkpoint is not None:
         found.save(Path(checkpoint) / "map.npz")
     return found
-
-
-def _is_run(result: Any) -> bool:
-    """Whether a result of a journal is what a run came to."""
-    return isinstance(result, list) and len(result) == 2 and isinstance(result[0], list) and isinstance(result[1], dict | None)
 
 
 def situation_of(loop: ClosedLoop) -> Situation:

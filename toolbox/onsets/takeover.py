@@ -14,7 +14,7 @@ from typing import Any
 
 from toolbox.arguments import whole
 from toolbox.errors import SceneError, SimulationError
-from toolbox.measuring.judge import is_stick
+from toolbox.measuring.sticks import is_stick, releases, stuck_ratio
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, value_at
 from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Controller
@@ -43,7 +43,7 @@ def cycle_phases(run: Trajectory, count: int = PHASES) -> list[dict[str, Any]]:
         A run that sticks and slips to its end, such as the run of a stiff drive. Its loop gives the contact that is
         judged.
     count
-        Number of phases. The first is the release.
+        Number of phases, by default 8. The first is the release.
 
     Returns
     -------
@@ -68,12 +68,12 @@ def cycle_phases(run: Trajectory, count: int = PHASES) -> list[dict[str, Any]]:
     """
     whole("count", count, 1)
     contact = judged_contact(run.run.loop)
-    releases = releases_of(run, contact)
-    if len(releases) < 2:
+    released = releases(run, contact)
+    if len(released) < 2:
         raise SceneError(
-            f"Argument `run` must stick and slip at `{contact}` at least twice to have phases, but it has {len(releases)} release(s)."
+            f"Argument `run` must stick and slip at `{contact}` at least twice to have phases, but it has {len(released)} release(s)."
         )
-    first, last = releases[-2:]
+    first, last = released[-2:]
     return [acting_at(run, first + (last - first) * k / count) for k in range(count)]
 
 
@@ -135,7 +135,7 @@ def under_controller(loop: ClosedLoop, initial: Any, phases: int, duration: floa
     initial = initial if aim is None else at_set_point(initial, aim)
     alone = loop.without_controllers.replace(controllers=(initial,), inputs={}, start={})
     run = simulate(alone.replace(inputs={name: value for name, value in loop.inputs.items() if _takes(alone, name)}), duration)
-    if len(releases_of(run, contact)) < 2 or not is_stick(run.time_in(contact, "stick", after=0.8 * duration), 0.2 * duration):
+    if len(releases(run, contact)) < 2 or not is_stick(stuck_ratio(run, contact, 0.8 * duration)):
         return [taken_over(loop, acting_at(run, run.end))], f"no stick-slip to end under {described(initial)}"
     return [taken_over(loop, start) for start in cycle_phases(run, phases)], ""
 
@@ -154,11 +154,6 @@ def at_set_point(law: Any, reference: float) -> Any:
     if isinstance(law, Controller) and hasattr(law, "reference"):
         changed["reference"] = reference
     return dataclasses.replace(law, **changed) if changed else law
-
-
-def releases_of(run: Trajectory, contact: str) -> list[float]:
-    """The instants at which a contact was released from stick [s]."""
-    return [event.time for event in run.events if event.element == contact and event.before == "stick" and event.after != "stick"]
 
 
 def reference_of(loop: ClosedLoop, speed: str) -> float | None:

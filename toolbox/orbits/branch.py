@@ -28,6 +28,16 @@ class Bifurcation:
         Value of the parameter.
     cycle
         The cycle at this point. If the sequence of switches changes, the last cycle before the change.
+
+    Examples
+    --------
+    >>> from models import oscillators
+    >>> from toolbox import compose, follow, limit_cycle
+    >>> cycle = limit_cycle(compose(oscillators.THOMSEN_FIDLIN), settle="200 s")
+    >>> branch = follow(cycle, "block.belt_speed", (0.1, 0.6), start_towards=0.6)
+    >>> for point in branch.bifurcations:
+    ...     print(f"{point.kind} at {point.value:.3f} m/s")
+    Hopf at 0.441 m/s
     """
 
     kind: str
@@ -91,7 +101,13 @@ class Branch(Renamed):
         return np.array([cycle.stable for cycle in self.cycles])
 
     def extremes(self, signal: str) -> FloatArray:
-        """Return the smallest and the largest value of a signal over each cycle, shape (points, 2)."""
+        """Return the smallest and the largest value of a signal over each cycle, shape (points, 2).
+
+        Parameters
+        ----------
+        signal
+            Name of a scalar signal, such as "block.speed".
+        """
         return np.array([cycle.extremes(signal) for cycle in self.cycles])
 
     def plot(self, signal: str | None = None, ax: Any = None) -> Any:

@@ -57,8 +57,9 @@ def follow(
     Use this function to find the range of the parameter in which stick-slip exists. Folds, period doublings and
     grazings of the branch are located.
 
-    If the parameter is the frequency of an input that is a sine, such as "block.force.frequency", the period of the cycle
-    changes with it. If the frequency is instead a parameter of a part, the search keeps the period constant.
+    If the parameter is the frequency of an input that is a sine, such as "block.force.frequency", the period of the
+    cycle changes with the frequency. A frequency that is a parameter of a part does not have this effect: the search
+    then keeps the period constant.
 
     The branch ends when the parameter reaches one of its `bounds`, after `points` cycles, at a Hopf point, or if no
     further cycle is found. `stop_reason` of the result gives the reason.
@@ -68,13 +69,14 @@ def follow(
     cycle
         A cycle at which the branch begins, as `limit_cycle` returns it.
     parameter
-        Name of a parameter of the plant or of a controller, of a constant input, or of a number of a sine.
+        Name of a parameter of the plant or of a controller, such as "block.belt_speed", or of a constant input. For an
+        input that is a sine, amplitude, frequency and so on have names such as "block.force.amplitude".
     bounds
-        Range (low, high) of the parameter.
+        Range (low, high) of the parameter, in SI or text with units.
     points
-        Largest number of cycles.
+        Largest number of cycles, by default 100.
     step
-        Largest step of the arclength, as a fraction of the range and of the size of the states.
+        Largest step of the arclength, as a fraction of the range and of the size of the states, by default 0.02.
     start_towards
         The end of the range (low or high) towards which the branch is followed first. By default the end that is
         farther away.

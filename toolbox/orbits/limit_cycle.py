@@ -24,8 +24,8 @@ from toolbox.arguments import number
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText
 from toolbox.messages import sign_of_life
+from toolbox.modelling.clocks import check_regular
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
-from toolbox.modelling.closing import check_regular
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
 from toolbox.orbits.orbit import Cycle, CycleError, Orbit
@@ -61,7 +61,7 @@ def limit_cycle(
         A loop or a plant, which is first simulated for `settle` seconds. Or a run that has settled, such as
         `scene.run(label)`.
     settle
-        Length of the first run of a loop [s].
+        Length of the first run of a loop [s]. By default None, for a run that has settled already.
     period
         Period of the motion [s], depending on the machine:
 
@@ -72,7 +72,7 @@ def limit_cycle(
         - With a sampled controller: the period of the alternating reference or load, an integer multiple of the sample
           time.
     accuracy
-        Accuracy of the runs inside the search.
+        Target for the global error of the runs inside the search, by default 1e-11.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def limit_cycle(
     CycleError
         If no periodic motion is found.
     GrazingError
-        If the cycle touches a switching surface without crossing it.
+        If the cycle touches a switching surface (the limit at which a contact changes its mode) without crossing it.
     SceneError
         If an argument is out of its bounds, or does not fit the loop.
 
@@ -104,7 +104,7 @@ def limit_cycle(
         if settle is not None:
             raise SceneError("Argument `settle` must be left out for a trajectory, which has settled.")
         check_laws(loop.run.system)
-        check_regular(loop.run.irregular, "for a motion to be periodic")
+        check_regular(loop.run.clocks, "for a motion to be periodic")
         run = loop
     else:
         length = period if settle is None else settle
@@ -114,7 +114,7 @@ def limit_cycle(
                 "`limit_cycle(loop, 200.0)`; or a guess of the `period`, with a start of the loop near the cycle."
             )
         check_laws(as_loop(loop).system)
-        check_regular(as_loop(loop).assembly.irregular, "for a motion to be periodic")
+        check_regular(as_loop(loop).assembly.clocks, "for a motion to be periodic")
         run = simulate(as_loop(loop), length, accuracy=1e-8)
     orbit = Orbit.of(run, None, accuracy, period)
     if orbit.forced:

@@ -14,6 +14,7 @@ from toolbox.arguments import count_of
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.printing import Rows, Told
 from toolbox.files.unit_systems import reading
+from toolbox.measuring.sticks import stuck_ratio
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.numbers import Number
@@ -118,7 +119,13 @@ class Cycle(Told):
         return signature_of(self.run)
 
     def extremes(self, signal: str) -> tuple[float, float]:
-        """Return the smallest and the largest value of a scalar signal over the period."""
+        """Return the smallest and the largest value of a scalar signal over the period.
+
+        Parameters
+        ----------
+        signal
+            Name of a scalar signal, such as "block.speed".
+        """
         found = []
         for sign in (1.0, -1.0):
             times = np.unique(np.concatenate([self.run.time, np.linspace(0.0, self.run.end, 400)]))
@@ -130,13 +137,25 @@ class Cycle(Told):
         return found[0], found[1]
 
     def amplitude(self, signal: str) -> float:
-        """Return half of the difference between the largest and the smallest value of a scalar signal over the period."""
+        """Return half of the difference between the largest and the smallest value of a scalar signal over the period.
+
+        Parameters
+        ----------
+        signal
+            Name of a scalar signal, such as "block.speed".
+        """
         low, high = self.extremes(signal)
         return (high - low) / 2
 
     def stick_share(self, element: str) -> float:
-        """Return the fraction of the period during which an element sticks, from 0 to 1."""
-        return self.run.time_in(element, "stick") / self.period
+        """Return the fraction of the period during which an element sticks, from 0 to 1.
+
+        Parameters
+        ----------
+        element
+            Name of the element, such as "bit".
+        """
+        return stuck_ratio(self.run, element)
 
     @property
     def main_signal(self) -> str:
@@ -227,11 +246,11 @@ class Orbit:
         """The equations for cycles of the same plant and arguments as a run, with derivatives by a number."""
         from toolbox.orbits.variational import variational_equations
 
-        for sample_time, delay in run.run.clocks:
-            if delay >= sample_time:
+        for clock in run.run.clocks:
+            if clock.delay >= clock.period:
                 raise SceneError(
-                    f"Argument `delay` must be shorter than the sample time {sample_time:g} s in a periodic motion, but it is {delay:g} s: what is on its way "
-                    "for longer would have to return as well. Let the law remember its output for whole samples, as "
+                    f"Argument `delay` must be shorter than the sample time {clock.period:g} s in a periodic motion, but it is {clock.delay:g} s: what is on "
+                    "its way for longer would have to return as well. Let the law remember its output for whole samples, as "
                     "`ObserverBasedController(..., delay_samples=1)` lets its observer."
                 )
         if any(update.channels for update in run.program.system.updates):
@@ -252,8 +271,8 @@ class Orbit:
         if variational.controllers is not None:
             late = [
                 update.first_held + np.arange(len(update.names))
-                for update, (_, delay) in zip(run.program.system.updates, run.run.clocks, strict=True)
-                if delay > 0.0
+                for update, clock in zip(run.program.system.updates, run.run.clocks, strict=True)
+                if clock.delay > 0.0
             ]
             read = np.unique(np.concatenate([variational.controllers.read, *late]))
             returning = np.append(returning, run.states.shape[1] + np.arange(variational.controllers.memory + read.size))
@@ -279,7 +298,7 @@ class Orbit:
     def whole(self, period: float) -> float:
         """The period, to the last bit that of the samples; raises SceneError unless it is a whole multiple of every sample time."""
         least = period
-        for sample_time, _ in self.run.clocks:
+        for sample_time in (clock.period for clock in self.run.clocks):
             count = round(period / sample_time)
             if count < 1 or abs(count * sample_time - period) > 1e-9 * period:
                 times = Fraction(period / sample_time).limit_denominator(1000).denominator

@@ -97,11 +97,11 @@ class SampledTangent:
         """Which law samples, and which output is held, at which node; samples of one instant before holds, laws in their order, as in the loop."""
         time, end, instants, start = self.nodes.time, self.nodes.end, [], self.nodes.run.start
         planned: list[tuple[int, bool, int, int]] = []
-        for c, (period, delay) in enumerate(self.nodes.run.clocks):
+        for c, clock in enumerate(self.nodes.run.clocks):
             first, applied = start.taken[c], start.applied[c]
-            taken = np.arange(first, int(end / period) + 2) * period
+            taken = np.arange(first, int(end / clock.period) + 2) * clock.period
             taken = taken[(taken < self.nodes.run.end) & (taken <= end)]
-            held = np.arange(applied, first + taken.size) * period + delay
+            held = np.arange(applied, first + taken.size) * clock.period + clock.delay
             held = held[held <= end]
             for late, times, number in ((False, taken, first), (True, held, applied)):
                 place = np.searchsorted(time, times * (1 + 1e-13) + 1e-300, side="right") - 1
@@ -117,13 +117,13 @@ class SampledTangent:
         event_time, element, _ = nodes._event_arrays
         names = [e.name for e in nodes.program.system.elements]
         time = nodes.time
-        for instants, (period, _) in zip(self.instants, nodes.run.clocks, strict=True):
+        for instants, clock in zip(self.instants, nodes.run.clocks, strict=True):
             for t, i in zip(event_time, element, strict=True):
                 near = np.searchsorted(instants, t)
                 gap = min((abs(instants[j] - t) for j in (near - 1, near) if 0 <= j < instants.size), default=np.inf)
                 at = np.searchsorted(time, t)
                 made = gap == 0.0 and (at + 1 >= time.size or time[at + 1] > t)  # by the held signal, not at the end of a step
-                if gap <= MEETING * period and not made:
+                if gap <= MEETING * clock.period and not made:
                     raise GrazingError(
                         f"At t = {t:.9g} s `{names[i]}` switches at a sample: which comes first decides, and no derivative exists.", nodes
                     )
@@ -205,7 +205,7 @@ def check_laws(system: HybridSystem) -> None:
         if part.sensors.resolution is not None:
             raise SceneError(
                 f"Argument `resolution` must be left out for a run to have derivatives, but the encoder of `{part.sensors.coarse[0]}` has steps, "
-                "and what is rounded has the derivative 0."
+                "and a rounded measurement has the derivative 0."
             )
 
 
@@ -215,9 +215,9 @@ def default_slopes(run: Any, program: Program, columns: tuple[int, ...]) -> np.n
     slopes = np.zeros((system.held.numel(), len(columns)))
     if run.start.carried:
         return slopes
-    for update, (_, delay) in zip(system.updates, run.clocks, strict=True):
+    for update, clock in zip(system.updates, run.clocks, strict=True):
         for row, name in enumerate(update.names, update.first_held):
-            if delay > 0.0 and name in plant.inputs:
+            if clock.delay > 0.0 and name in plant.inputs:
                 of = ca.Function("slope", [plant.p], [ca.densify(ca.jacobian(plant.inputs[name].default, plant.p))])
                 gradient = np.array(of(plant.values)).ravel()
                 for entry in plant.parameters.values():

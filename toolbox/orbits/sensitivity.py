@@ -18,8 +18,8 @@ from toolbox.errors import SceneError
 from toolbox.files.printing import columns
 from toolbox.halving import zero
 from toolbox.messages import sign_of_life
+from toolbox.modelling.clocks import check_regular
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.closing import check_regular
 from toolbox.modelling.laws import names
 from toolbox.modelling.numbers import Number, memory_places
 from toolbox.modelling.start import place_start
@@ -85,7 +85,13 @@ class Sensitivity:
         return values[:, 0] if values.shape[1] == 1 else values
 
     def end(self, name: str) -> np.ndarray:
-        """Return the derivatives of a signal at the end of the run, shape (k,). For a vector signal, shape (size, k)."""
+        """Return the derivatives of a signal at the end of the run, shape (k,). For a vector signal, shape (size, k).
+
+        Parameters
+        ----------
+        name
+            Name of the signal.
+        """
         values = self._of(name, self._tangent.end[None], self.run.at(self.run.end))[0]
         return values[0] if values.shape[0] == 1 else values
 
@@ -123,7 +129,17 @@ class Sensitivity:
         return variational_equations(self.run.every_step.program, self._columns)
 
     def time_in(self, element: str, mode: str, after: float = 0.0) -> np.ndarray:
-        """Return the derivatives of `run.time_in(element, mode, after)`, shape (k,)."""
+        """Return the derivatives of `run.time_in(element, mode, after)`, shape (k,).
+
+        Parameters
+        ----------
+        element
+            Name of the contact.
+        mode
+            Mode of the contact, such as "stick".
+        after
+            Begin of the window [s], by default 0.
+        """
         self.run.time_in(element, mode, after)
         total = np.zeros(len(self.to))
         for event, row in zip(self.run.events, self.event_times, strict=True):
@@ -137,6 +153,13 @@ class Sensitivity:
         These are the derivatives of the signal at the time of the peak. A shift of this time has no effect, because the
         slope at the peak is zero. Raises SceneError if the largest value is at an end of the window, because it is then
         no peak.
+
+        Parameters
+        ----------
+        name
+            Name of a scalar signal.
+        after
+            Begin of the window [s], by default 0.
         """
         from toolbox.measuring.measure import extent
 
@@ -157,6 +180,15 @@ class Sensitivity:
         """Return the derivatives of `measure.mean_square(run, name, target, after=after)`, shape (k,).
 
         A jump of the signal at an event contributes through the time of the event.
+
+        Parameters
+        ----------
+        name
+            Name of a scalar signal.
+        target
+            Value from which the signal deviates, in SI, by default 0.
+        after
+            Begin of the window [s], by default 0.
         """
         from toolbox.measuring.energy import gauss
         from toolbox.simulation.samples import window
@@ -216,7 +248,8 @@ class Sensitivity:
 
 @sign_of_life("sensitivity is at work")
 def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
-    """Differentiate a run with respect to parameters, inputs or start values, through every stick, slip, impact and switch.
+    """Compute the derivatives of a run with respect to parameters, inputs or start values, through every switch and
+    impact.
 
     The derivatives are exact. They are computed from variational equations with a saltation matrix at every event, not
     from differences of runs.
@@ -224,9 +257,9 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     Parameters
     ----------
     run
-        The run.
+        The run, a result of `simulate`.
     to
-        Names of numbers of the loop:
+        Names of the numbers with respect to which the run is differentiated:
 
         - parameters of the plant or of a controller, continuous or sampled (`block.mass`, `chain.stiffness.0`,
           `pi.proportional`);
@@ -243,8 +276,9 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     Raises
     ------
     SceneError
-        If a name is unknown, is a sample time or a number of a table, is used only by the design of a controller, or is
-        overridden by an input. Also if a controller is written in Python or a measurement has encoder steps.
+        If a name is unknown, or if it names a sample time, a number of a table, a number that only the design of a
+        controller uses, or a parameter that an input overrides. Also if a controller is written in Python or a
+        measurement has encoder steps.
     GrazingError
         If the run has no derivative.
 
@@ -260,7 +294,7 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     if not isinstance(run, Trajectory):
         raise SceneError(f"Argument `run` must be a trajectory made by `simulate`, but it is {run!r}.")
     check_laws(run.run.system)
-    check_regular(run.run.irregular, "for a run to have derivatives")
+    check_regular(run.run.clocks, "for a run to have derivatives")
     from toolbox.orbits.variational import variational_equations
 
     if not run.program.formulas.explicit:  # derivatives follow explicit steps, stage by stage

@@ -13,14 +13,15 @@ import numpy as np
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import reading_of
-from toolbox.measuring.judge import Judged, told_growth
-from toolbox.measuring.measure import extent, stick_intervals
+from toolbox.measuring.judge import Judged
+from toolbox.measuring.measure import extent
 from toolbox.measuring.metrics import distance
-from toolbox.measuring.verdict import Verdict
+from toolbox.measuring.sticks import stick_intervals
+from toolbox.measuring.verdict import Verdict, growth_in_words
 from toolbox.messages import at_every_step
-from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closed_loop import ClosedLoop, why_without_effect
 from toolbox.modelling.inputs import Table
-from toolbox.onsets.study import metrics_of, words_of
+from toolbox.onsets.verdicts import verdict_metrics, words_of
 from toolbox.scenes.judged import sticks_before_standstill
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import equilibrium, linearise
@@ -68,7 +69,7 @@ def answer(
     names: signals of the traces;  plane: the two of the phase plane;  asked: {unit: unit in which it is read};  step: called at every step of the judge; where
     it raises `Later`, the verdict follows.
     """
-    found = metrics_of(loop, run)
+    found = verdict_metrics(loop, run)
     judged: Judged | None = None
     try:
         with at_every_step(step):
@@ -305,7 +306,7 @@ def further(run: Trajectory, loop: ClosedLoop) -> dict[str, Any]:
         "values": {name: number.value for name, number in loop.variable_numbers().items() if math.isfinite(number.value)}
     }
     told["drive"] = loop.controller_names
-    told["without"] = {name: taken(loop, taking) for name, taking in loop.overriding_inputs.items()}
+    told["without"] = {name: f"No effect: {why_without_effect(loop, taking)}." for name, taking in loop.overriding_inputs.items()}
     try:
         told["inexact"] = run.error_estimate
     except SimulationError as failure:
@@ -320,7 +321,7 @@ def further(run: Trajectory, loop: ClosedLoop) -> dict[str, Any]:
         told["poles"] = [[float(pole.real), float(pole.imag)] for pole in poles if np.isfinite(pole)]
         worst = max((pole.real for pole in poles if abs(pole) > 1e-9), default=math.nan)
         told["poles_words"] = (
-            f"Steady running is {'stable' if worst < 0 else 'unstable'}: its slowest motion {told_growth(worst)}.{_swings(poles)}"
+            f"Steady running is {'stable' if worst < 0 else 'unstable'}: its slowest motion {growth_in_words(worst)}.{_swings(poles)}"
         )
         if loop.is_sampled:
             told["poles_words"] += " Of the continuous form of the law; the verdict counts its samples."
@@ -341,13 +342,6 @@ def _swings(poles: np.ndarray) -> str:
 def at_last(value: Any) -> Any:
     """An input as it is at last, where it is a table."""
     return float(value.values[-1]) if isinstance(value, Table) else value
-
-
-def taken(loop: ClosedLoop, taking: str) -> str:
-    """Why a number has no effect."""
-    if taking in loop.system.inputs:
-        return f"No effect: `{taking}` takes its place. Turn that one."
-    return f"No effect: a law drives `{taking}`."
 
 
 def plane_of(run: Trajectory, loop: ClosedLoop) -> tuple[str, str]:

@@ -24,7 +24,7 @@ from toolbox.errors import BudgetError, SceneError, SimulationError
 from toolbox.files.unit_systems import use_units
 from toolbox.files.units import NumberOrText
 from toolbox.messages import at_every_step
-from toolbox.modelling.closed_loop import ClosedLoop, as_loop
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop, why_without_effect
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.page import answers, maps
 from toolbox.page.controls import Control, controls_of
@@ -184,7 +184,8 @@ class Page:
                 "controls": [control.told() for control in look["controls"].values()], "axes": look["axes"], "able": able,
                 "still": loop.standstill_speed is not None, "moving": [*moving],
                 "values": {name: each.number.value for name, each in look["controls"].items() if math.isfinite(each.number.value)},
-                "without": {name: answers.taken(loop, taking) for name, taking in loop.overriding_inputs.items()}, "disturbances": disturbances,
+                "without": {name: f"No effect: {why_without_effect(loop, taking)}." for name, taking in loop.overriding_inputs.items()},
+                "disturbances": disturbances,
             }  # fmt: skip
         title = self.scene.title if self.scene is not None else next(iter(self.loops.values())).title
         return {"title": title, "laws": laws, "saves": self.scene is not None}

@@ -116,7 +116,13 @@ class Rollout:
         return twin
 
     def modes(self, state: np.ndarray) -> np.ndarray:
-        """Return the mode of each contact at a state, shape (contacts,): the sign of its slip, 0 if the slip is exactly zero."""
+        """Return the mode of each contact at a state, shape (contacts,): the sign of its slip, 0 if the slip is exactly zero.
+
+        Parameters
+        ----------
+        state
+            States of the plant, shape (n,).
+        """
         if not self.contacts:
             return np.zeros(0)
         if self.slip is not None:
@@ -156,7 +162,18 @@ class Rollout:
         return motion.X, motion.A, motion.B, motion.M
 
     def states(self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return states (N+1, n) and modes (N+1, contacts) for inputs of shape (N, n_u), as for `advance`."""
+        """Return states (N+1, n) and modes (N+1, contacts) for inputs of N intervals.
+
+        Parameters
+        ----------
+        state
+            States at the beginning, shape (n,).
+        inputs
+            Inputs of each interval, shape (N, n_u), in the order of `actuated_signals`.
+        interval
+            Length of an interval [s], with the same number of steps. By default the length that was given for the
+            rollout.
+        """
         motion = self.motion(state, inputs, interval)
         advance_rollout(motion)
         return motion.X, motion.M
@@ -164,7 +181,19 @@ class Rollout:
     def motion(self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None, derivatives: bool = False) -> Motion:
         """Return the arrays of a motion, which `advance_rollout` or the compiled loop of a controller fills.
 
-        `derivatives` chooses whether derivatives are computed, too. The other arguments are the arguments of `advance`.
+        They have room for N + 1 states of the plant, and hold the state at the beginning.
+
+        Parameters
+        ----------
+        state
+            States at the beginning, shape (n,).
+        inputs
+            Inputs of each interval, shape (N, n_u), in the order of `actuated_signals`.
+        interval
+            Length of an interval [s], with the same number of steps. By default the length that was given for the
+            rollout.
+        derivatives
+            Whether derivatives are computed, too, by default False.
         """
         count, n = inputs.shape[0], self.n
         X, M = np.empty((count + 1, n)), np.zeros((count + 1, self.contacts))

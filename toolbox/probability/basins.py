@@ -165,15 +165,15 @@ def basin(
         {state: (lowest, highest)}, in SI or text with units. Values are drawn uniformly; other states start at smooth
         running.
     runs
-        Number of disturbances.
+        Number of disturbances, by default 1000.
     duration
         Length of a run [s], or text with a unit. By default forty oscillations of the machine.
     accuracy
-        Target for the global error of the runs, between 1e-13 and 0.1.
+        Target for the global error of the runs, between 1e-13 and 0.1, by default 0.0001.
     confidence
-        Confidence level of the bounds of Clopper and Pearson.
+        Confidence level of the bounds of Clopper and Pearson, by default 0.95.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------

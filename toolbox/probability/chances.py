@@ -86,8 +86,8 @@ def chance(
         {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
         8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together.
     draws
-        Number of draws, the same at every point. 72 draws are the least with which 95 % can be shown by two-sided
-        bounds of 95 %.
+        Number of draws, the same at every point, by default 200. 72 draws are the least with which 95 % can be shown by
+        two-sided bounds of 95 %.
     duration
         Length of a run [s], or text with a unit. By default forty periods of the oscillation of the machine in the
         middle of the ranges, counted from the time at which its inputs are constant.
@@ -97,14 +97,15 @@ def chance(
         plant without such a stick-slip begins at smooth running. Or a function {name: value} -> {state: start value}.
         By default the start of the loop, which is rest if it gives no values.
     accuracy
-        Target for the global error of the runs, between 1e-13 and 0.1. The page "Probability" of the documentation
-        shows how the accuracy changes cost and result.
+        Target for the global error of the runs, between 1e-13 and 0.1, by default 0.0001. The page "Probability" of the
+        documentation shows how the accuracy changes cost and result.
     confidence
-        Confidence level of the bounds of Clopper and Pearson.
+        Confidence level of the bounds of Clopper and Pearson, by default 0.95.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
     checkpoint
-        Folder that keeps the results block by block. The same call after an interruption continues from this folder.
+        Folder that keeps the results block by block. The same call after an interruption continues from this folder. By
+        default None: nothing is stored.
 
     Returns
     -------

@@ -149,7 +149,13 @@ class Draws(Renamed):
     independent: Mapping[str, Any] = field(default_factory=dict)
 
     def also(self, others: Mapping[str, Any]) -> Draws:
-        """Return these draws together with additional independent numbers {name: distribution}."""
+        """Return these draws together with additional independent numbers {name: distribution}.
+
+        Parameters
+        ----------
+        others
+            {name: distribution} of the additional numbers.
+        """
         return Draws(self.values, {**self.independent, **others})
 
 
@@ -196,7 +202,7 @@ def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: 
     runs
         Number of draws, >= 1.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------

@@ -77,6 +77,17 @@ class UncertainOnset(Told, Result):
         {SI unit: unit that was typed}.
     situation
         The situation for which the borders hold, in one line.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import uncertain_onset
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque())
+    >>> found = uncertain_onset(loop, "top.reference", ("40 rpm", "140 rpm"), {"bit.weight": "60 kN +- 5 kN"}, draws=80, num_values=5)
+    >>> print({name: round(correlation, 1) for name, correlation in found.moved_by("as it is").items()})
+    {'bit.weight': 1.0}
     """
 
     title: str
@@ -130,6 +141,11 @@ class UncertainOnset(Told, Result):
         """Return {drawn number: rank correlation with the border of a controller}, the strongest correlation first.
 
         The correlation is nan if the border does not vary. `label` is the label of the controller.
+
+        Parameters
+        ----------
+        label
+            Label of the controller.
         """
         from scipy.stats import spearmanr
 
@@ -224,18 +240,18 @@ def uncertain_onset(
         {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
         8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together.
     draws
-        Number of machines, the same for all controllers. 72 draws are the least with which 95 % can be shown by
-        two-sided bounds of 95 %.
+        Number of machines, the same for all controllers, by default 200. 72 draws are the least with which 95 % can be
+        shown by two-sided bounds of 95 %.
     num_values
-        Number of values of the range that are examined before borders are halved, >= 3.
+        Number of values of the range that are examined before borders are halved, >= 3, by default 13.
     tolerance
         Width to which borders are halved. By default 1/50 of the range.
     accuracy
-        Target for the global error of the runs, between 1e-13 and 0.1.
+        Target for the global error of the runs, between 1e-13 and 0.1, by default 0.0001.
     confidence
-        Confidence level of the bounds.
+        Confidence level of the bounds, by default 0.95.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------

@@ -40,6 +40,18 @@ class ModelComparison(Told, Result):
         {label of the model: logarithm of the predictive density of each metric in `left_out`, shape (metrics,)}.
     left_out
         Names of the metrics that no posterior used.
+
+    Examples
+    --------
+    >>> from models import BitRock, Coulomb, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import Uniform, compare_models
+    >>> strings = {"falling": BitRock(), "constant": BitRock(friction=Coulomb(static=0.8, kinetic=0.5))}
+    >>> loops = {label: closed_loop(compose(wells.JANSEN_2, bit), inputs={"top.torque": "12 kN m"}) for label, bit in strings.items()}
+    >>> priors = {label: {"bit.friction.static": Uniform(0.6, 1.0)} for label in loops}
+    >>> found = compare_models(loops, {"severity": "1.1 +- 0.1"}, priors, "60 s", draws=32)
+    >>> print(f"probability of the falling friction law: {found.probabilities['falling']:.1f}")
+    probability of the falling friction law: 0.9
     """
 
     posteriors: dict[str, Posterior]
@@ -57,6 +69,11 @@ class ModelComparison(Told, Result):
         """Return (loss, standard error) of a model in the prediction of the metrics in `left_out`, relative to the best model.
 
         The loss is a difference of logarithms of predictive densities. It is (0, 0) for the best model.
+
+        Parameters
+        ----------
+        label
+            Label of the model.
         """
         best = max(self.log_scores, key=lambda each: float(self.log_scores[each].sum()))
         apart = self.log_scores[best] - self.log_scores[label]
@@ -128,18 +145,20 @@ def compare_models(
     duration
         Length of the runs [s], or text with a unit. By default the duration of each loop.
     left_out
-        {metric: its normal distribution} of additional data that no posterior uses. The posterior of each model
-        predicts them, and their likelihood is the score of the model.
+        {metric: its normal distribution} of additional data that no posterior uses, by default none. The posterior of
+        each model predicts them, and their likelihood is the score of the model.
     metrics
-        {name in `data`: metric}, for names that are no names of metrics themselves, such as a metric in a window.
+        {name in `data`: metric}, for names in `data` that are not names of metrics of the toolbox, such as a metric in
+        a window of time. By default none.
     draws
-        Number of draws of each posterior, >= 32.
+        Number of draws of each posterior, >= 32, by default 256.
     accuracy
-        Target for the global error of the runs, between 1e-13 and 0.1.
+        Target for the global error of the runs, between 1e-13 and 0.1, by default 0.0001.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
     checkpoint
-        Folder that keeps the likelihoods. The same call after an interruption continues from this folder.
+        Folder that keeps the likelihoods. The same call after an interruption continues from this folder. By default
+        None: nothing is stored.
 
     Returns
     -------

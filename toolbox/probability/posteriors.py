@@ -174,16 +174,16 @@ def posterior(
         Length of the runs [s], or text with a unit. By default the duration of the loop.
     metrics
         {name in `data`: metric} for those names in `data` that are not names of metrics of the toolbox, such as a
-        metric in a window of time.
+        metric in a window of time. By default none.
     draws
-        Number of draws of the posterior, >= 32.
+        Number of draws of the posterior, >= 32, by default 256.
     accuracy
-        Target for the global error of the runs, between 1e-13 and 0.1.
+        Target for the global error of the runs, between 1e-13 and 0.1, by default 0.0001.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
     checkpoint
         Folder in which every likelihood is stored as soon as it is computed. The same call after an interruption
-        continues from this folder.
+        continues from this folder. By default None: nothing is stored.
 
     Returns
     -------
@@ -362,10 +362,10 @@ def from_recording(
         {signal: standard deviation of the mean in a window}, in SI or text with a unit. The standard deviation
         includes errors of the model.
     length
-        Length of a window [s], or text with a unit.
+        Length of a window [s], or text with a unit, by default 1.
     max_gap
-        Largest number of samples in a row that may be missing in an input. The line between their neighbours replaces
-        them.
+        Largest number of samples in a row that may be missing in an input, by default 2. The line between their
+        neighbours replaces them.
 
     Returns
     -------

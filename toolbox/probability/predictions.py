@@ -154,15 +154,16 @@ def predict(
         Length of the runs [s], or text with a unit. By default the length of the recording, else the duration of the
         loop.
     recording
-        A measurement that is compared with the bands. The prediction then has the times of this recording.
+        A measurement that is compared with the bands, by default none. The prediction then has the times of this
+        recording.
     draws
-        Number of runs, >= 20.
+        Number of runs, >= 20, by default 100.
     confidence
-        Fraction of the runs within the bands.
+        Fraction of the runs within the bands, by default 0.95.
     accuracy
-        Target for the global error of the runs, between 1e-13 and 0.1.
+        Target for the global error of the runs, between 1e-13 and 0.1, by default 0.0001.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------

@@ -48,6 +48,17 @@ class Chance(Told, Result):
         {SI unit: unit that was typed}.
     situation
         The situation for which the verdict holds, in one line.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import chance
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque())
+    >>> found = chance(loop, {"top.reference": ["30 rpm"]}, {"bit.weight": "60 kN +- 10 kN"}, draws=72)
+    >>> print(found.names, found.chances["as it is"].round(2))
+    ('top.reference',) [0.99]
     """
 
     title: str

@@ -19,6 +19,7 @@ from toolbox.errors import SceneError
 from toolbox.files.origin import ORIGIN, Origin
 from toolbox.files.printing import table
 from toolbox.files.reading import text_of
+from toolbox.measuring.verdict import Verdict
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.results import Onset
 from toolbox.onsets.severity_map import SeverityMap
@@ -27,6 +28,7 @@ from toolbox.probability.drawn_borders import UncertainOnset
 from toolbox.probability.posteriors import Posterior
 from toolbox.probability.results import Chance
 from toolbox.reports.figures import KINDS, caption_of, figures_of_folder
+from toolbox.reports.first_page import Findings, of_answers, of_study
 from toolbox.reports.machine import usual_units
 from toolbox.reports.sections import Section, preformatted
 from toolbox.robustness.joint_errors import SmallestError
@@ -34,7 +36,7 @@ from toolbox.robustness.margins import Margins
 from toolbox.scenes import catalogue
 from toolbox.scenes.contact_scene import load_scene
 from toolbox.scenes.scene import Scene
-from toolbox.scenes.verdict_table import failures, in_cells, judged_by, read_table
+from toolbox.scenes.verdict_table import in_cells, judged_by, read_table, remarks
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.results import Sweep
@@ -43,12 +45,13 @@ from toolbox.tuning.results import Tuned
 
 @dataclass(frozen=True)
 class Kind:
-    """What one command writes: the file that tells of it, what it is called, its figure, and how its answer is read from the folder."""
+    """What one command writes: the file that tells of it, what it is called, its figure, and how its answer and its verdicts are read from the folder."""
 
     mark: str
     name: str
     figure: str
     answer: Callable[[Path, Scene | None], tuple[str, tuple[str, ...]]] | None = None
+    findings: Callable[[Path, Scene | None], Findings | None] | None = None
 
 
 def of_folder(folder: Path) -> list[Section]:
@@ -87,6 +90,7 @@ def _section(folder: Path, kind: Kind) -> Section:
     loops = tuple((label, declared[label]) for label in declared.labels) if declared else ()
     with usual_units(loops[0][1] if loops else None):
         answer, more = kind.answer(folder, declared) if kind.answer else (preformatted(below.strip("\n") or text), ())
+        findings = kind.findings(folder, declared) if kind.findings else None
     title = getattr(scene, "title", "") or first or kind.name
     own, others = figures_of_folder(folder, kind.figure, f"{kind.name}: {title}", _labels(declared))
     return Section(
@@ -100,6 +104,7 @@ def _section(folder: Path, kind: Kind) -> Section:
         origin,
         folder,
         more + remarks,
+        findings,
     )
 
 
@@ -124,7 +129,17 @@ def _study(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
         raise SceneError(f"Folder `{folder}` must hold the scene of its study, but there is no `scene.toml` with equations.")
     rows = read_table(folder / "table.csv")
     head, *cells = in_cells(scene, rows, times=False)
-    return table(judged_by(scene), head, cells), tuple(failures(rows))
+    return table(judged_by(scene), head, cells), tuple(remarks(rows))
+
+
+def _study_findings(folder: Path, scene: Scene | None) -> Findings | None:
+    """The verdicts of a study as values; None for a table of an earlier version, which has their words alone."""
+    rows = read_table(folder / "table.csv")
+    return of_study(scene, rows) if scene is not None and all(isinstance(row.verdict, Verdict) for row in rows) else None
+
+
+def _answer_findings(folder: Path, scene: Scene | None) -> Findings | None:
+    return of_answers(Answers.load(folder / "answer.npz")) if (folder / "answer.npz").is_file() else None
 
 
 def _onset(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
@@ -154,9 +169,9 @@ def _loaded(report: str, *kinds: tuple[Any, str]) -> Callable[[Path, Scene | Non
     return answer
 
 
-def _one(title: str, name: str, kind: Any) -> Kind:
+def _one(title: str, name: str, kind: Any, findings: Any = None) -> Kind:
     """A folder with one result: its file, what was printed and the figure bear one name."""
-    return Kind(f"{name}.txt", title, name, _loaded(f"{name}.txt", (kind, f"{name}.npz")))
+    return Kind(f"{name}.txt", title, name, _loaded(f"{name}.txt", (kind, f"{name}.npz")), findings)
 
 
 def _torque_drag(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
@@ -192,8 +207,8 @@ def _failures(folder: Path) -> tuple[str, ...]:
 
 
 ALL: Sequence[Kind] = (
-    _one("Answers for every controller", "answer", Answers),
-    Kind("study.txt", "Study", "comparison", _study),
+    _one("Answers for every controller", "answer", Answers, _answer_findings),
+    Kind("study.txt", "Study", "comparison", _study, _study_findings),
     Kind("onset.txt", "Onset of stick-slip", "onset", _onset),
     _one("Onset of stick-slip of machines that are drawn", "drawn_onset", UncertainOnset),
     _one("Severity map", "map", SeverityMap),

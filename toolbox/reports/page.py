@@ -10,6 +10,7 @@ from typing import Any
 
 from toolbox.files.origin import Origin
 from toolbox.files.printing import marked, table
+from toolbox.reports.first_page import first_page
 from toolbox.reports.machine import laws, machine
 from toolbox.reports.sections import Section, preformatted
 
@@ -18,7 +19,7 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
 def page(title: str, sections: Sequence[Section]) -> str:
-    """The whole page: answers first, then the appendix."""
+    """The whole page: the first page, the answers, then the appendix."""
     import jinja2  # here, because only a report needs it
     from markupsafe import Markup
 
@@ -30,8 +31,10 @@ def page(title: str, sections: Sequence[Section]) -> str:
     for section in sections:
         if any(loop.controllers for _, loop in section.loops):
             of.setdefault(laws(section.loops), []).append(section.kind or section.title)
+    sentences, glance = first_page([section.findings for section in sections if section.findings is not None])
     return pages.from_string(home.joinpath("report.html.j2").read_text(encoding="utf-8")).render(
-        title=title, policy=POLICY, style=Markup(home.joinpath("report.css").read_text(encoding="utf-8")), sections=sections, controllers=of,
+        title=title, sentences=sentences, glance=glance,
+        policy=POLICY, style=Markup(home.joinpath("report.css").read_text(encoding="utf-8")), sections=sections, controllers=of,
         kinds=list(dict.fromkeys(each.kind for each in sections if each.kind)), dates=sorted({_date(each.origin) for each in sections if each.origin}),
         numbers=itertools.count(1), next=next, machines=list(dict.fromkeys(machine(each.loops[0][1]) for each in sections if each.loops)), **_origins(sections),
     )  # fmt: skip

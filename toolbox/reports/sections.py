@@ -6,8 +6,10 @@ import html
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from toolbox.drilling.answer_results import Answers
 from toolbox.errors import SceneError
 from toolbox.reports.figures import Picture, figures_of_result
+from toolbox.reports.first_page import Findings, of_answers
 from toolbox.reports.machine import usual_units
 
 if TYPE_CHECKING:
@@ -41,6 +43,8 @@ class Section:
         Where it comes from, and the folder that it was read from.
     remarks
         What the reader should know: what failed, or is not known.
+    findings
+        Its verdicts as values, for the first page; None if it has none.
     """
 
     title: str
@@ -53,6 +57,7 @@ class Section:
     origin: Origin | None = None
     folder: Path | None = None
     remarks: tuple[str, ...] = ()
+    findings: Findings | None = None
 
 
 def of_result(result: Any) -> Section:
@@ -76,6 +81,7 @@ def of_result(result: Any) -> Section:
             figures_of_result(result, first),
             text=text,
             loops=((label, loop),) if loop is not None else (),
+            findings=of_answers(result) if isinstance(result, Answers) else None,
         )
 
 

@@ -18,6 +18,9 @@ def report(*results: Any, path: str | os.PathLike[str], title: str | None = None
     """Write one HTML page about results: answers first, then plant, controllers with their gains, figures, and how to
     repeat the results.
 
+    For a study and for answers the page begins with at most five sentences and one table: which controllers succeed, in
+    which situation, at what price, how sure this is, and what to try next.
+
     The page is one file with all of its figures. It needs no network, runs no script, and prints well. If no system
     of units was chosen by `toolbox.use_units`, a drill string is shown in rpm, kN and kN m, and another machine in the
     units that were typed, else SI.
@@ -33,7 +36,8 @@ def report(*results: Any, path: str | os.PathLike[str], title: str | None = None
     title
         Title of the page. By default the title of the first result.
     pdf
-        Whether a PDF is written beside the page, by Chromium or by WeasyPrint, one of which must be installed.
+        Whether a PDF is written beside the page, by Chromium or by WeasyPrint, one of which must be installed. By
+        default False. The HTML page is written first.
 
     Returns
     -------
@@ -43,8 +47,8 @@ def report(*results: Any, path: str | os.PathLike[str], title: str | None = None
     Raises
     ------
     SceneError
-        If no results are given, a folder was not written by a command or is damaged, the file cannot be written, or
-        no program that prints PDF is installed.
+        If no results are given, a folder was not written by a command or is damaged, or the file cannot be written.
+        Also if the PDF cannot be made. The HTML page is written then.
 
     Examples
     --------
@@ -64,10 +68,13 @@ def report(*results: Any, path: str | os.PathLike[str], title: str | None = None
     for each in results:
         sections += of_folder(Path(each)) if isinstance(each, str | os.PathLike) else [of_result(each)]
     text = page(title or sections[0].title, sections)
-    made = printed(text) if pdf else None
     with replaced(path) as file:
         file.write(text.encode())
-    if made is not None:
+    if pdf:
+        try:
+            made = printed(text)
+        except SceneError as error:
+            raise SceneError(f"The page is in `{path}`, but its PDF was not written. {error}") from None
         with replaced(path.with_suffix(".pdf")) as file:
             file.write(made)
     return path

@@ -85,7 +85,13 @@ class StabilityChart(Result):
         return [*self.names, "growth", "disk_margin"], rows
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the stable region with lines of equal disk margin, and return the axes."""
+        """Draw the stable region with lines of equal disk margin, and return the axes.
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.response_figures import stability_diagram
 
         return stability_diagram(self, ax)
@@ -107,7 +113,7 @@ def stability_chart(
         {number of the loop: (lowest, highest value)}, exactly two, the first for the horizontal axis:
         `{"pi.proportional": (0, 5000), "pi.integral": (0, 3000)}`.
     shape
-        Number of points along the horizontal and the vertical axis, at least 3 each.
+        Number of points along the horizontal and the vertical axis, at least 3 each, by default (15, 15).
 
     Returns
     -------

@@ -17,7 +17,9 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.measuring import measure
-from toolbox.measuring.judge import SMOOTH, is_stick, told_growth
+from toolbox.measuring.judge import SMOOTH
+from toolbox.measuring.sticks import is_stick, stick_intervals, stick_time
+from toolbox.measuring.verdict import growth_in_words
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.coming_to import verdict_on
@@ -64,7 +66,7 @@ class Checks:
         __tracebackhide__ = True
         contact = judged_contact(run.program.system, element)
         words, judged = verdict_on(run, contact, judged_speed(run.program.system, contact), after)
-        sticks = measure.stick_intervals(run, contact, after)
+        sticks = stick_intervals(run, contact, after)
         lengths = [last - first for first, last in sticks]
         if is_stick(sum(lengths), run.end - after):
             self._fail(
@@ -74,7 +76,9 @@ class Checks:
                 lambda: run.plot(),
             )
         if judged is not None and (judged.rate > 0 or words.stick_slip):
-            coming = f"a small disturbance of smooth running {told_growth(judged.rate)}" if judged.rate > 0 else f"{words}: {words.reason}"
+            coming = (
+                f"a small disturbance of smooth running {growth_in_words(judged.rate)}" if judged.rate > 0 else f"{words}: {words.reason}"
+            )
             self._fail(
                 "no_stick_slip",
                 f"`{contact}` must not stick after {after:g} s: it does not until {run.end:g} s, but {coming}",
@@ -239,7 +243,7 @@ class Checks:
         contact = judged_contact(run.program.system, element)
         signal = signal or judged_speed(run.run.loop, contact)
         mine, theirs = (measure.severity(each, signal, after) for each in (run, other))
-        stuck, stuck_other = (each.time_in(contact, "stick", after=after) for each in (run, other))
+        stuck, stuck_other = (stick_time(each, contact, after) for each in (run, other))
         if not (stuck <= stuck_other and mine < theirs / by):
             asked = f" by a factor of {by:g}" if by != 1.0 else ""
 

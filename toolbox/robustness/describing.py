@@ -185,7 +185,13 @@ class DescribingFunction(Result):
         return [f"amplitude [{slip}]", f"gain [{force}/({slip})]"], np.column_stack([self.amplitude, self.gain])[known].tolist()
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the describing function N over the amplitude with the predicted cycles, and G in the complex plane. Return both axes."""
+        """Draw the describing function N over the amplitude with the predicted cycles, and G in the complex plane. Return both axes.
+
+        Parameters
+        ----------
+        axes
+            Two matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.response_figures import describing_diagram
 
         return describing_diagram(self, axes)
@@ -203,7 +209,7 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
         A loop with constant inputs and smooth running, in which the judged contact slides. If there are several
         contacts, `closed_loop(..., element=...)` names it.
     cycle
-        A cycle of this loop, found by `limit_cycle`, which is shown beside the prediction.
+        A cycle of this loop, found by `limit_cycle`, which is shown beside the prediction. By default none.
     highest
         Highest amplitude of the slip that is examined, in the unit of the slip. By default three times the slip of
         smooth running. Cycles with an amplitude below 1/10000 of `highest` are not found.

@@ -36,7 +36,8 @@ from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.halving import halved
-from toolbox.measuring.judge import is_stick, told_growth
+from toolbox.measuring.sticks import is_stick, stuck_ratio
+from toolbox.measuring.verdict import growth_in_words
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import all_described
@@ -131,6 +132,17 @@ class SmallestError(Told, Result):
     own_stick_slip
         Description of the outcome of runs of the nominal plant from the loop's own stick-slip. Empty if the runs start
         from given values.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> from toolbox.robustness import smallest_error
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms"))
+    >>> found = smallest_error(loop, {"bit.weight": 0.5}, "60 s")
+    >>> print(f"the loop fails if the weight deviates by {found.size * 50:.0f} %")
+    the loop fails if the weight deviates by 20 %
     """
 
     title: str
@@ -200,7 +212,13 @@ class SmallestError(Told, Result):
         return headings, rows
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the errors found in the range of each number (`toolbox.robustness.figures.error_diagram`), and return the axes."""
+        """Draw the errors found in the range of each number (`toolbox.robustness.figures.error_diagram`), and return the axes.
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.figures import error_diagram
 
         sizes = {"every run succeeds": self.largest_tolerated, "guaranteed (mu)": self.guaranteed_size}
@@ -233,13 +251,14 @@ def smallest_error(
     duration
         Length of a run [s].
     starts
-        Starts of the runs, as in `worst_case`: `FromRest()`, `TakenOver(initial_controller)`, `OwnStickSlip()`, or start
-        values {state or held command: value} of each run. By default `SmoothRunning()`, which needs constant inputs.
+        Starts of the runs: `FromRest()`, `TakenOver(initial_controller)` (from the stick-slip of another controller),
+        `OwnStickSlip()`, or start values {state or held command: value} of each run. By default `SmoothRunning()`,
+        which needs constant inputs.
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed as a fraction of the set-point [1], and allowed ripple of a command as a
-        fraction of its mean [1].
+        Allowed error of the mean speed as a fraction of the set-point [1], by default 0.02, and allowed ripple of a
+        command as a fraction of its mean [1], by default 0.05.
 
     Returns
     -------
@@ -384,8 +403,8 @@ def _alone(trials: Trials, numbers: Sequence[WrongNumber], error: Error) -> str:
     verdict, judged = verdict_on(run, trials.contact, trials.speed, begun + trials.window)
     words = [str(verdict)]
     if judged is not None and judged.rate > 0.0:
-        words.append(f"smooth running {told_growth(judged.rate)}")
-    share = run.time_in(trials.contact, "stick", after=begun + trials.window) / (trials.duration - trials.window)
+        words.append(f"smooth running {growth_in_words(judged.rate)}")
+    share = stuck_ratio(run, trials.contact, begun + trials.window)
     if is_stick(share):
         words.append(f"{100.0 * share:.2g} % of the window stuck")
     if not math.isnan(worst.ripple):

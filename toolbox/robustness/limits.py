@@ -112,9 +112,9 @@ def performance_limit(
         The one input that the controller gives. By default the force or torque of the drive. A part between controller
         and plant, such as a drive with lags, is taken into account.
     period
-        Sample time [s]. None for continuous controllers.
+        Sample time [s]. By default None: continuous controllers.
     delay
-        Delay of the commands [s], for sampled controllers only.
+        Delay of the commands [s], for sampled controllers only, by default 0.
 
     Returns
     -------

@@ -137,7 +137,12 @@ class Margins(Told, Result):
     def plot(self, axes: Any = None) -> Any:
         """Draw the Nyquist curve with the disk of the disk margin, and the sensitivities. Return both axes.
 
-        See `toolbox.robustness.figures.margins_diagram`. Raises SceneError if there is no linear loop.
+        Raises SceneError if there is no linear loop.
+
+        Parameters
+        ----------
+        axes
+            Two matplotlib axes to draw on. By default None: a new figure.
         """
         if self.linear_loop is None:
             raise SceneError(f"There is no linear loop to be drawn: {self.reason}.")
@@ -168,16 +173,17 @@ def margins(
     loop
         A loop with at least one controller and constant inputs.
     guess
-        {state: value} near smooth running, from which the search for the steady state starts. Needed only if the steady
-        state is not found from the set-points of the controllers, which the error then tells.
+        {state: value} near smooth running, from which the search for the steady state starts. By default None: the
+        search starts from the set-points of the controllers. If it fails, an error asks for a guess.
     by_simulation
-        Whether to find by simulation, too, the gain, the delay and the inertia from which on smooth running is lost (a
+        Whether the gain, the delay and the inertia from which on smooth running is lost are also found by simulation (a
         few seconds). By default only if there is no linear loop: for relays, ideal sliding modes, an active limit, and
         controllers in Python.
     inertia_parameter
-        Name of the inertia that is varied in these simulations, such as "chain.inertia.0".
+        Name of the inertia that is varied in these simulations, such as "chain.inertia.0". By default None: no inertia
+        is varied.
     simulation_duration
-        Length of each of these runs [s].
+        Length of each run of these simulations [s], by default 60.
 
     Returns
     -------

@@ -19,7 +19,7 @@ import numpy as np
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.halving import halved
 from toolbox.measuring import measure
-from toolbox.measuring.judge import is_stick
+from toolbox.measuring.sticks import is_stick, stuck_ratio
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Equations, Signal, Update
 from toolbox.modelling.elements import Quantity, quantity
@@ -163,7 +163,7 @@ def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None =
             except SimulationError:
                 return True
             after, start = done.begin + duration / 2, done.last
-            if any(is_stick(done.time_in(name, "stick", after=after), duration / 2) for name in contacts):
+            if any(is_stick(stuck_ratio(done, name, after)) for name in contacts):
                 return True
             if calm(done):
                 break

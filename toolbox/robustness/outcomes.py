@@ -10,7 +10,7 @@ from typing import Any
 from toolbox.errors import SceneError
 from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import HeadedRows, Result
-from toolbox.measuring.judge import told_growth
+from toolbox.measuring.verdict import growth_in_words
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class WorstCase(Told, Result):
             own = [outcome for outcome in self.outcomes if outcome.error == error]
             failed = sum(outcome.excess > 1.0 for outcome in own)
             numbers = [percent(each) for each in (worst.stuck, worst.mean_error, worst.ripple)]
-            numbers += [told_growth(worst.rate), *(f"{value:.4g}" for value in worst.more.values())]
+            numbers += [growth_in_words(worst.rate), *(f"{value:.4g}" for value in worst.more.values())]
             lines.append((error, f"{failed} of {len(own)}", worst.verdict, str(worst.start), str(worst.seed), *numbers))
         return lines
 
@@ -151,7 +151,13 @@ class WorstCase(Told, Result):
         return headings, [[*list(vars(outcome).values())[:-1], *outcome.more.values()] for outcome in self.outcomes]
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw stick time and ripple of every run by its error (`toolbox.robustness.figures.worst_case_diagram`), and return both axes."""
+        """Draw stick time and ripple of every run by its error (`toolbox.robustness.figures.worst_case_diagram`), and return both axes.
+
+        Parameters
+        ----------
+        axes
+            Two matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.figures import worst_case_diagram
 
         rows = [(o.error, o.stuck, o.ripple, o.excess <= 1.0) for o in self.outcomes]

@@ -59,23 +59,47 @@ class FrequencyResponse(Result):
         return heads, np.column_stack(columns).tolist()
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the response as the Bode diagram of `bode`; `nyquist` and `nichols` are its other views. Returns both axes."""
+        """Draw the response as the Bode diagram of `bode`; `nyquist` and `nichols` are its other views. Returns both axes.
+
+        Parameters
+        ----------
+        axes
+            Two matplotlib axes to draw on. By default None: a new figure.
+        """
         return self.bode(axes)
 
     def bode(self, axes: Any = None) -> Any:
-        """Draw gain and phase over frequency, with gain and phase margin; returns both axes."""
+        """Draw gain and phase over frequency, with gain and phase margin; returns both axes.
+
+        Parameters
+        ----------
+        axes
+            Two matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.response_figures import bode_diagram
 
         return bode_diagram(self, axes)
 
     def nyquist(self, ax: Any = None) -> Any:
-        """Draw the response in the complex plane, with the disk around -1 that the disk margin keeps free; returns the axes."""
+        """Draw the response in the complex plane, with the disk around -1 that the disk margin keeps free; returns the axes.
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.response_figures import nyquist_diagram
 
         return nyquist_diagram(self, ax)
 
     def nichols(self, ax: Any = None) -> Any:
-        """Draw gain over phase, with lines on which the closed loop has the same gain; returns the axes."""
+        """Draw gain over phase, with lines on which the closed loop has the same gain; returns the axes.
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.robustness.response_figures import nichols_diagram
 
         return nichols_diagram(self, ax)

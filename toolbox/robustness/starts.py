@@ -90,7 +90,13 @@ class Start(abc.ABC):
 
     @abc.abstractmethod
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values on the plant of a loop. Raises SceneError if the loop cannot start so."""
+        """Return the start values on the plant of a loop. Raises SceneError if the loop cannot start so.
+
+        Parameters
+        ----------
+        loop
+            The loop whose runs begin at these start values.
+        """
 
 
 @dataclass(frozen=True)
@@ -114,7 +120,13 @@ class SmoothRunning(Start):
         return "smooth running"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values for the plant of a loop. Raises SceneError if no smooth running is found."""
+        """Return the start values for the plant of a loop. Raises SceneError if no smooth running is found.
+
+        Parameters
+        ----------
+        loop
+            The loop whose runs begin at these start values.
+        """
         return Found([smooth_start(loop)])
 
 
@@ -149,7 +161,13 @@ class FromRest(Start):
         return f"rest, set-point by a ramp of {self.ramp:g} s" if self.ramp else "rest, set-point in one step"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values on the plant of a loop. Raises SceneError for a ramp of a loop without a set-point."""
+        """Return the start values on the plant of a loop. Raises SceneError for a ramp of a loop without a set-point.
+
+        Parameters
+        ----------
+        loop
+            The loop whose runs begin at these start values.
+        """
         if not self.ramp:
             return Found([{}])
         name = set_point(loop.system, judged_speed(loop, judged_contact(loop)))
@@ -183,7 +201,13 @@ class GivenStarts(Start):
         return f"{len(self.values)} given start(s)"
 
     def on(self, loop: ClosedLoop) -> Found:
-        """Return the start values on the plant of a loop, with the commands that act."""
+        """Return the start values on the plant of a loop, with the commands that act.
+
+        Parameters
+        ----------
+        loop
+            The loop whose runs begin at these start values.
+        """
         return Found([{**loop.start, **taken_over(loop, start)} for start in self.values])
 
 
@@ -230,6 +254,11 @@ class TakenOver(Start):
         last instant of its run and a note.
 
         Raises SimulationError if the run of the initial controller cannot be finished.
+
+        Parameters
+        ----------
+        loop
+            The loop whose runs begin at these start values.
         """
         values, note = under_controller(loop, self.initial_controller, self.phases, self.duration)
         return Found(values, note)
@@ -272,6 +301,11 @@ class OwnStickSlip(Start):
         """Return the start values for the plant of a loop.
 
         If no start leads to permanent stick-slip, or if this cannot be decided, return no start values and a note.
+
+        Parameters
+        ----------
+        loop
+            The loop whose runs begin at these start values.
         """
         contact = judged_contact(loop)
         settled = Settled.of(loop, contact, judged_speed(loop, contact), 0.0)

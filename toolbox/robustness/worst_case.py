@@ -20,8 +20,9 @@ import numpy as np
 from toolbox.arguments import mapping, number, numbers, short
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.units import NumberOrText
-from toolbox.measuring.judge import CALM, is_stick, told_growth
+from toolbox.measuring.judge import CALM
 from toolbox.measuring.metrics import Metric, maximum, mean, minimum, stuck_ratio
+from toolbox.measuring.sticks import is_stick
 from toolbox.measuring.verdict import (
     FREE,
     NO_STICK,
@@ -30,6 +31,7 @@ from toolbox.measuring.verdict import (
     STICKS_IN_WINDOW,
     STUCK,
     Verdict,
+    growing,
     of_quarters,
     quarters,
 )
@@ -70,7 +72,8 @@ def worst_case(
     ripple_within: float = 0.05,
     metrics: Any = (),
 ) -> WorstCase:
-    """Test a closed loop with model errors: run it with every error, from every start and with every seed of its noise.
+    """Test a closed loop with errors of its model: simulate every error, from every start and with every seed of the
+    noise.
 
     A run succeeds if, from `after` on,
 
@@ -91,12 +94,12 @@ def worst_case(
     duration
         Length of a run [s].
     uncertainty
-        {name: factor, or several factors}. A name is the name of a parameter of the plant, of an input or of a number
-        of a controller, such as "bit.weight". The factor multiplies its value. Each factor is tried alone. "20 %" means
+        {name: factor, or several factors}, by default none. A name is a parameter of the plant, an input or a number of
+        a controller, such as "bit.weight". The factor multiplies its value. Each factor is tried alone. "20 %" means
         0.8 and 1.2, "+20 %" means 1.2 alone. "delay" is the delay of the sampled controllers.
     corners
-        Mappings {name: factor}, with names as in `uncertainty`. Each mapping is tried with all its errors at once. A
-        percentage needs its sign here: "+20 %".
+        Combinations of errors, each a mapping {name: factor} whose errors act all at once, by default none. Names are
+        the same as in `uncertainty`. A percentage needs its sign here: "+20 %".
     starts
         Starts of the runs:
 
@@ -107,15 +110,16 @@ def worst_case(
         - `AfterConnection()` of `toolbox.drilling`: the weight is taken off and put on again.
         - Start values {state or held command: value} of each run, such as `cycle_phases` returns.
     seeds
-        Seeds of the noise of `Sampled`, used if it has noise.
+        Seeds of the measurement noise, by default 0 alone. They have an effect only if a `Sampled` controller has
+        noise.
     after
         Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed as a fraction of its target [1], and allowed ripple of a command to either side
-        as a fraction of its mean [1].
+        Allowed error of the mean speed as a fraction of its target [1], by default 0.02, and allowed deviation of a
+        command from its mean, as a fraction of the mean [1], by default 0.05.
     metrics
-        Further metrics of every run from `after` on: names of `toolbox.measuring.metrics.METRICS`, functions of the
-        run, or {name: metric}.
+        Further metrics of every run from `after` on, by default none: names such as "severity" (keys of
+        `toolbox.measuring.metrics.METRICS`), functions of the run, or {name: metric}.
 
     Returns
     -------
@@ -314,7 +318,7 @@ class Trials:
         swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"]) if numbers["mean"] else math.inf
         calm = not is_stick(found.stuck) and swing < CALM
         if settled.rate > 0.0 and not is_stick(found.stuck):
-            return self._judged_as(found, Verdict(told_growth(settled.rate), failed=True, reason="smooth running is not stable"))
+            return self._judged_as(found, growing(settled.rate, "smooth running is not stable"))
         if calm and settled.rate < 0.0:
             return self._judged_as(found, FREE)
         return self._carried_on(found, machine, settled)

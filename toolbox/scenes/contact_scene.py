@@ -39,8 +39,9 @@ class ContactScene(Labelled):
     cases
         One `Case` per controller, with different labels and sampled controllers.
     inputs
-        {input of the body, or set-point of a controller: value}, for all cases, as in `step_contacts`. If a case has an
-        input of the same name, the value of the case is used.
+        {input of the body, or set-point of a controller: value}, for all cases. A value is a number, text with a unit,
+        a table (times, values) or an expression of time. If a case has an input of the same name, the value of the case
+        is used.
 
     Examples
     --------
@@ -62,7 +63,13 @@ class ContactScene(Labelled):
 
     @staticmethod
     def load(path: str | Path) -> ContactScene:
-        """Read and check the scene in a TOML file. Raises one SceneError that names the file and the fault."""
+        """Read and check the scene in a TOML file. Raises one SceneError that names the file and the fault.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+        """
         path = Path(path)
         try:
             scene = ContactScene(**_read(path))
@@ -72,7 +79,13 @@ class ContactScene(Labelled):
         return scene
 
     def run(self, label: str) -> ContactRun:
-        """Run one case, given by its label. Raises the errors of `step_contacts`, and SceneError if the body has no state of rest as a start."""
+        """Run one case, given by its label. Raises the errors of `step_contacts`, and SceneError if the body has no state of rest as a start.
+
+        Parameters
+        ----------
+        label
+            Label of the case.
+        """
         case, problem = self.case(label), self._problem()
         rest = self._rest(problem, case)
         return step_contacts(problem, self.duration, step=self.step, inputs=self._inputs(case), controller=case.controller, start=rest)

@@ -13,6 +13,7 @@ from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring import metrics as listed
 from toolbox.measuring.metrics import Metric
+from toolbox.measuring.sticks import STICK
 from toolbox.scenes.judged import judged_in
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.recorded import Recorded
@@ -114,7 +115,7 @@ def compare(
     until: NumberOrText | None = None,
     labels: tuple[str, str] = ("first", "second"),
 ) -> Differences:
-    """Compare two runs by their metrics, or two scenes by their keys.
+    """Compare two runs by their metrics, or two scenes by the values of their keys.
 
     For runs, the table contains
 
@@ -132,13 +133,14 @@ def compare(
         Scalar signals of the runs. By default the main signals of the first and of the second run, if both runs have
         them.
     metrics
-        Further metrics: a name of `toolbox.measuring.metrics.METRICS`, a function of the run, or several as a sequence
-        or {name: metric}. A metric given by its name is read from the contact and the signal that the loop of each run
-        judges. For a run from a file, it is read at the only contact, and at the signal of that name.
+        Further metrics, by default none: a name such as "severity" (a key of `toolbox.measuring.metrics.METRICS`), a
+        function of the run, or several as a sequence or {name: metric}. A metric by its name is computed for the
+        contact `element` and the speed `signal` of the loop of each run. A run from a file has no loop: the metric is
+        computed for its only contact and the speed of this contact.
     after, until
         Begin and end of the window [s]. By default from the start to the end of the shorter run.
     labels
-        Names of the two runs or scenes in the table.
+        Names of the two runs or scenes in the table, by default "first" and "second".
 
     Returns
     -------
@@ -203,7 +205,7 @@ def _keys(first: Scene, second: Scene) -> tuple[Difference, ...]:
 def _of_contacts(first: Recorded, second: Recorded, after: float, last: float) -> Iterator[Metric]:
     """How each element that sticks in both runs does so."""
     for element, words in first._legends.items():
-        if "stick" in words.values() and "stick" in second._legends.get(element, {}).values():
+        if STICK in words.values() and STICK in second._legends.get(element, {}).values():
             yield from (each(element, after, last) for each in (listed.stuck_ratio, listed.stays, listed.longest_stay))
 
 

@@ -35,6 +35,7 @@ KEYS: dict[str, tuple[Key, ...]] = {
         Key("parameters", "", "those of the parts", "what the machine really is, under [parameters]"),
         Key("verdict", "", "see there", "what is judged, under [verdict]"),
         Key("measured", "", "none", "what was measured on the machine, under [measured]"),
+        Key("units", "", "as typed", "units of tables and figures, under [units]"),
     ),
     CONTACTS: (
         Key("title", "", REQUIRED, "title of tables and figures"),
@@ -77,6 +78,7 @@ KEYS: dict[str, tuple[Key, ...]] = {
         Key("after", "s", "half of the duration", "time from which on a run is judged"),
         Key("standstill_speed", OF_SIGNAL, "none", "of a stop: the value of the signal at which the machine stands, where the verdict ends"),
     ),
+    "[units]": (Key("<SI unit>", "", "as typed", "unit in which numbers of this SI unit are shown: \"m/s\" = \"km/h\""),),
     "[measured]": (
         Key("file", "", REQUIRED, "path of the log, from the folder of the scene"),
         Key("columns", "", "the names of the plant", "what signals, or time, are called in the log: { \"shaft.speed\" = \"speed sensor 2\" }"),

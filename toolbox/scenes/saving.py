@@ -23,7 +23,8 @@ def write(scene: Mapping[str, Any], path: Path) -> None:
     """Write a scene, given by its fields, with every parameter in SI, whole or not at all."""
     import tomli_w
 
-    content = HEADER + tomli_w.dumps(_resolved(scene)).encode()
+    units = {unit: shown for unit, shown in scene["units"].items() if shown != unit}
+    content = HEADER + tomli_w.dumps(_resolved(scene) | ({"units": units} if units else {})).encode()
     with replaced(path) as file:
         file.write(content)
 

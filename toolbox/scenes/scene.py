@@ -14,7 +14,7 @@ from toolbox.arguments import number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
 from toolbox.messages import LOG
-from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closed_loop import ClosedLoop, why_without_effect
 from toolbox.modelling.closing import laws_of
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scene(Labelled):
-    """Plant with the controllers to compare, and the signals and times to judge. All numbers are in SI.
+    """Plant, controllers to compare on it, length of the runs, and the signals that are evaluated. All numbers are in
+    SI.
 
     Attributes
     ----------
@@ -47,25 +48,27 @@ class Scene(Labelled):
     duration
         Length of the runs [s].
     element
-        Name of the contact whose stick phases are judged. None if the plant has no contact that can stick.
+        Name of the contact whose stick phases are counted. None if the plant has no contact that can stick.
     signal
-        Signal whose severity, settling and overshoot are judged.
+        Name of the signal, usually a speed, whose severity, settling and overshoot are computed.
     effort
-        Input whose peak is reported.
+        Name of the input whose peak is reported.
     after
-        Time from which on a run is judged [s].
+        Time from which on a run is evaluated [s].
     reference
         Set-point of `signal`. None for no set-point.
     accuracy
-        Accuracy of the runs.
+        Target for the global error of the runs, by default 1e-6.
     start, inputs, parameters
         Start values, inputs and parameters for all cases, as in `simulate`. If a case has an input of the same name,
         the value of the case is used.
     standstill_speed
-        For a stop, the value of `signal` at which the machine counts as standing. The judged time then ends at the
+        For a stop, the value of `signal` at which the machine counts as standing. The evaluation then ends at the
         standstill, and the stick phase in which the machine stands does not count.
     measured
         Measured results of the machine, which a study shows beside the simulated ones. None for no measurement.
+    units
+        {SI unit: unit for display}. By default the units that were typed, see `display_units`.
 
     Examples
     --------
@@ -93,6 +96,7 @@ class Scene(Labelled):
     inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
     parameters: Mapping[str, Number] = field(default_factory=dict)
     measured: Measured | None = None
+    units: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     @staticmethod
     def of(
@@ -122,14 +126,14 @@ class Scene(Labelled):
             {label: controller}. A value None is a case without a controller. By default (None) the scene has one case,
             without a controller.
         element
-            Contact that is judged. By default the only contact, if there is one.
+            Name of the contact whose stick phases are counted. By default the only contact, if there is one.
         signal
-            Speed that is judged. By default `<element>.speed` if the plant has it, else the slip of the contact. It
+            Name of the speed that is evaluated. By default `<element>.speed` if the plant has it, else the slip of the contact. It
             must be given if there is no contact.
         effort
-            Input whose peak is reported. By default the first force or torque, else the first input.
+            Name of the input whose peak is reported. By default the first force or torque, else the first input.
         after
-            Time from which on the run is judged [s]. By default half of the duration.
+            Time from which on the run is evaluated [s]. By default half of the duration.
         reference
             Set-point of the signal. By default the set-point of the controllers, if all have the same.
         title
@@ -146,7 +150,7 @@ class Scene(Labelled):
         Raises
         ------
         SceneError
-            If an argument is wrong or does not fit to the plant (see `check`).
+            If an argument is wrong or does not fit the plant.
         """
         checked_plant(plant)
         duration = number("duration", duration, "s", above=0)
@@ -175,12 +179,13 @@ class Scene(Labelled):
         Parameters
         ----------
         path
-            The file.
+            Path of the file.
         depth
-            Depth [m], or text with a unit, at which a part from tables ends, such as a `DrillString`. It replaces the
-            depth in the file.
+            Measured depth [m], or text with a unit, at which a drill string from tables ends. It replaces the depth in
+            the file. By default None: the depth in the file.
         refined
-            Whether parts that are lumped from tables, such as a `DrillString`, have twice as many elements.
+            Whether drill strings from tables get twice as many elements, to check that the number of elements is large
+            enough. By default False.
 
         Returns
         -------
@@ -201,12 +206,25 @@ class Scene(Labelled):
         return scene
 
     def save(self, path: str | Path) -> Path:
-        """Write the scene to a file, with every parameter in SI, and return the path. Loading the file gives an equal scene.
+        """Write the scene to a TOML file, with parameters in SI and the units for display, and return the path of the file.
 
-        The file is written atomically. Raises SceneError if the file cannot be written, or if the class of a part is
-        not in the catalogue of parts that scene files can name.
+        `Scene.load` of the file gives an equal scene. If writing fails, an older file stays unchanged.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        SceneError
+            If the file cannot be written, or if the class of a part is not in the catalogue of parts that scene files can
+            name.
         """
-        saving.write({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.judged_contact}, Path(path))
+        saving.write(
+            {each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.judged_contact, "units": self.display_units},
+            Path(path),
+        )
         return Path(path)
 
     def settings(self) -> dict[str, Any]:
@@ -272,31 +290,44 @@ class Scene(Labelled):
         """Units for display, as {SI unit: unit}, such as {"rad/s": "rpm"}.
 
         If a number of the scene was given as text with a unit, such as reference="60 rpm", results in the same SI unit are
-        shown in the unit of this text.
+        shown in the unit of this text. The field `units` overrides these units.
         """
         laws = tuple(case.law for case in self.cases)
         inputs = (self.inputs, *(case.inputs for case in self.cases))
-        return asked_units(self.reference, self.standstill_speed, inputs, self.parameters, fields=(laws, self.parts))
+        typed = asked_units(self.reference, self.standstill_speed, inputs, self.parameters, self.start, fields=(laws, self.parts))
+        return {**typed, **self.units}
 
     def run(self, label: str) -> Trajectory:
-        """Simulate one case, given by its label. Raises the errors of `simulate`, and SceneError if the label is unknown."""
+        """Simulate one case of the scene and return its run.
+
+        Raises the errors of `simulate`, and SceneError if the label is unknown.
+
+        Parameters
+        ----------
+        label
+            Label of the case, such as "soft torque".
+        """
         return simulate(self[label])
 
     @property
     def judged_contact(self) -> str:
-        """Name of the contact whose stick phases are judged. Raises SceneError if the plant has no contact that can stick."""
+        """Name of the contact whose stick phases are counted: the field `element`. Raises SceneError if the plant has
+        no contact that can stick.
+        """
         if self.element is None:
             raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
         return self.element
 
     @property
     def judged_names(self) -> str:
-        """Names of the judged contact and signal, as text."""
+        """Text with the name of the contact whose stick phases are counted and of the signal that is evaluated."""
         return " and ".join(f"`{name}`" for name in (self.element, self.signal) if name is not None)
 
     @property
     def metrics(self) -> dict[str, tuple[str, ...]]:
-        """Metrics for the judgement of a run, as {metric: names of the signals and elements that the metric reads}."""
+        """Metrics that the scene computes for every run, as {metric: names of the signals and elements from which it is
+        computed}.
+        """
         stuck = {"stuck": (self.element,)} if self.element is not None else {}
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 
@@ -332,7 +363,9 @@ class Scene(Labelled):
         return Dependencies(parts, min(each.idle for each in found))
 
     def check(self) -> None:
-        """Raise SceneError unless every case can be simulated and the judged signals and elements exist. This check compiles nothing."""
+        """Raise SceneError unless every case can be simulated and the signals and contacts of the scene exist. This
+        check compiles nothing.
+        """
         plant = self.plant()
         number("duration", self.duration, "s", above=0)
         contacts = [element.name for element in plant.elements]
@@ -358,7 +391,7 @@ class Scene(Labelled):
         """What is said of numbers of a law that an input takes the place of; the set-point of the scene, which only judges then, is none."""
         loop = self[label]
         return [
-            f"`{name}` has no effect, because the input `{taking}` takes its place."
+            f"the parameter `{name}` has no effect: {why_without_effect(loop, taking)}."
             for name, taking in loop.overriding_inputs.items()
             if name not in loop.plant.parameters and loop.number(name).value != self.reference
         ]

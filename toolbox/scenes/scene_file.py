@@ -63,7 +63,9 @@ def _data(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(given)
     except (ValueError, RecursionError) as error:
-        raise SceneError(f"the file must be TOML, but: {error}.") from None
+        unquoted = re.search(r"^\s*[\w.\"' -]+=\s*(-?[0-9.]+\s*[a-zA-Z%][^\n#\"']*?)\s*(?:#.*)?$", given, re.MULTILINE)
+        hint = "" if unquoted is None else f' A number with a unit needs quotes: "{unquoted[1]}".'
+        raise SceneError(f"the file must be TOML, but: {error}.{hint}") from None
 
 
 def contact_body(data: Mapping[str, Any]) -> str | None:
@@ -121,7 +123,18 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
             for name, value in _keys(data.get("parameters", {}), "parameters").items()
         },
         "measured": _measured(data["measured"], folder) if "measured" in data else None,
+        "units": {name: _unit_of(name, unit) for name, unit in _keys(data.get("units", {}), "units").items()},
     }
+
+
+def _unit_of(name: str, unit: Any) -> str:
+    """The unit in which numbers of an SI unit are shown."""
+    try:
+        parse(f"1 {name}", name)
+    except SceneError:
+        raise SceneError(f'Argument `units` must name SI units, such as "m/s", but `{name}` is none.') from None
+    parse(f"1 {_text(unit, f'units.{name}')}", name, f"units.{name}")
+    return str(unit)
 
 
 def _verdict_numbers(verdict: Mapping[str, Any], unit: str) -> dict[str, float | None]:
@@ -256,7 +269,7 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
     label = _text(data["label"], f"{where}.label")
     own = keys.names("[[controllers]]")
     if "law" not in data:
-        _keys(data, label, ("label", "inputs"))
+        _keys(data, f"controller `{label}`, which has no `law`", ("label", "inputs", "law"))
         return Case(label, inputs=inputs_of(data.get("inputs", {}), f"{label}.inputs", plant, ()))
     named, known = data["law"], {}
     if isinstance(named, dict):

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, joined
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -73,7 +73,11 @@ class Situation:
         cases
             {label: loop} of all loops that were judged, whose inputs and noise may differ; by default only this loop.
         """
-        plant = plants + "".join(f" ({words})" for words in mode_summaries(loop.plant))
+        changed = [name for name in loop.parameters if loop.plant.has_parameter(name)]
+        designed_for = "" if not changed else f" with other values of {joined(changed, most=4)}"
+        if changed and any(each.controllers for each in (cases or {"": loop}).values()):
+            designed_for += " than its controllers are designed for"
+        plant = plants + designed_for + "".join(f" ({words})" for words in mode_summaries(loop.plant))
         return cls(plant, f"started from {start}", design or _design(loop), _surroundings(cases or {"": loop}), duration)
 
 
@@ -145,7 +149,8 @@ def _each_once(words: Mapping[str, str]) -> list[str]:
 
 def _samples(loop: ClosedLoop) -> str:
     """Lateness and misses of the samples of a loop, in words; empty for a loop that takes every sample in time."""
-    late, missed = (max((entry[k] for entry in loop.assembly.irregular), default=0.0) for k in (0, 1))
+    late = max((clock.jitter for clock in loop.assembly.clocks), default=0.0)
+    missed = max((clock.missed_samples for clock in loop.assembly.clocks), default=0.0)
     words = [
         f"samples late by up to {1e3 * late:.4g} ms" if late else "",
         f"{100.0 * missed:.3g} % of the samples missed" if missed else "",

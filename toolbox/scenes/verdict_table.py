@@ -17,6 +17,7 @@ from toolbox.files.archives import understood
 from toolbox.files.printing import columns, shown
 from toolbox.files.reading import TEXT, text_of
 from toolbox.files.unit_systems import reading
+from toolbox.measuring.verdict import Verdict
 from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.situation import Situation, start_in_words
 
@@ -33,7 +34,7 @@ class Row:
     controller
         Label of the case.
     verdict
-        What the controller achieved, in words.
+        What the controller achieved; a text.
     stuck
         Time of sticking after the settle time [s].
     severity, settling, overshoot
@@ -48,12 +49,14 @@ class Row:
         Beginning of the names of the files of this controller.
     failure
         Why the run could not be finished; empty if it was.
+    remark
+        What the reader should know of the run, such as limits that were reached; empty for nothing.
     more
         {name: value} of further measures.
     """
 
     controller: str
-    verdict: str
+    verdict: Verdict
     stuck: float = math.nan
     severity: float = math.nan
     settling: float = math.nan
@@ -63,6 +66,7 @@ class Row:
     wall_time: float = math.nan
     files: str = ""
     failure: str = ""
+    remark: str = ""
     more: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -73,6 +77,10 @@ class Row:
 
 HEADINGS = tuple(each.name for each in dataclasses.fields(Row) if each.name not in ("wall_time", "more"))
 """Headings of the table on disk, before further measures: all but the time, which is never the same again."""
+JUDGED = ("regime", "tone", "failed", "reason")
+"""Fields of a verdict, which are columns of the table on disk."""
+TEXTS = ("controller", "verdict", "files", "failure", "remark")
+"""Columns of the table on disk that hold text, beside those of the verdict."""
 
 
 def _others(rows: Sequence[Row]) -> list[str]:
@@ -82,8 +90,15 @@ def _others(rows: Sequence[Row]) -> list[str]:
 def write_table(rows: Sequence[Row], path: Path) -> None:
     """The rows as csv in SI units, whole or not at all; a number that does not exist is left empty, what never settles is inf."""
     others = _others(rows)
-    cells = [[*(getattr(row, name) for name in HEADINGS), *(row.more.get(name, math.nan) for name in others)] for row in rows]
-    tables.write(path, [*HEADINGS, *others], cells)
+    cells = [
+        [
+            *(getattr(row, name) for name in HEADINGS),
+            *(getattr(row.verdict, name) for name in JUDGED),
+            *(row.more.get(name, math.nan) for name in others),
+        ]
+        for row in rows
+    ]
+    tables.write(path, [*HEADINGS, *JUDGED, *others], cells)
 
 
 def read_table(path: Path) -> list[Row]:
@@ -91,7 +106,10 @@ def read_table(path: Path) -> list[Row]:
     rows = []
     with understood(path, "the table of a study"):
         for told in csv.DictReader(io.StringIO(text_of(path, TEXT, "table"))):
-            texts: dict[str, Any] = {name: told.pop(name, "") for name in ("controller", "verdict", "files", "failure")}
+            texts: dict[str, Any] = {name: told.pop(name, "") for name in TEXTS}
+            regime, tone, failed, reason = (told.pop(name, "") for name in JUDGED)
+            if regime:  # a table of an earlier version has the word alone
+                texts["verdict"] = Verdict(texts["verdict"], regime, tone, failed == "True", reason)
             values = {name: float(text) if text else math.nan for name, text in told.items()}
             own: dict[str, Any] = {name: values.pop(name) for name in HEADINGS if name not in texts}
             rows.append(Row(**texts, **own, more=values))
@@ -99,15 +117,20 @@ def read_table(path: Path) -> list[Row]:
 
 
 def table(scene: Scene, rows: Sequence[Row], times: bool = True) -> str:
-    """The rows as text, under what was judged and above the reasons of failures; times: whether with the time that each took."""
+    """The rows as text, under what was judged and above the remarks; times: whether with the time that each took."""
     lines = columns(in_cells(scene, rows, times), (0, 1), "")
     lines.insert(1, "-" * max(map(len, lines)))
-    return "\n".join([scene.title, judged_by(scene), "", *lines, *failures(rows)])
+    return "\n".join([scene.title, judged_by(scene), "", *lines, *remarks(rows)])
 
 
-def failures(rows: Sequence[Row]) -> list[str]:
-    """Which runs failed, and why, one sentence each."""
-    return [f"{row.controller} {row.verdict}: {row.failure}" for row in rows if row.failed]
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """Which runs failed, and why, and what else the reader should know of runs, each said once with the controllers that it holds for."""
+    labels: dict[str, list[str]] = {}
+    for row in rows:
+        if row.remark:
+            labels.setdefault(row.remark, []).append(row.controller)
+    failed = [f"{row.controller} {row.verdict}: {row.failure}" for row in rows if row.failed]
+    return failed + [f"{', '.join(of)}: {remark}" for remark, of in labels.items()]
 
 
 def judged_by(scene: Scene) -> str:
@@ -119,15 +142,19 @@ def judged_by(scene: Scene) -> str:
         else f"standstill at {scene.standstill_speed * speed.factor:g} {speed.unit}"
     )
     set_point = f"; set-point {scene.reference * speed.factor:.4g} {speed.unit}" if scene.reference else ""
+    return f"{scene.judged_names}, judged from {scene.after:g} s to {until}{set_point}.\n{situation_of(scene)}"
+
+
+def situation_of(scene: Scene) -> Situation:
+    """The situation that the verdicts on the controllers of a scene hold for."""
     label = next((each for each in scene.labels if scene[each].controllers), scene.labels[0])
-    situation = Situation.of(
+    return Situation.of(
         scene[label],
         start_in_words(scene[label]),
         f"{scene.duration:g} s, carried on until the regime is decided",
         design="controllers as the scene gives them",
         cases={each: scene[each] for each in scene.labels},
     )
-    return f"{scene.judged_names}, judged from {scene.after:g} s to {until}{set_point}.\n{situation}"
 
 
 def _time_stuck(stuck: float) -> str:

@@ -87,6 +87,11 @@ class WorkPrecision(Told, Result):
         """Return the fastest run whose error is at most `error`. Return None if no run has such a small error.
 
         Raises SceneError if `error` is below `reference_error`, because smaller errors of a run are not known.
+
+        Parameters
+        ----------
+        error
+            Largest allowed error [1].
         """
         if not error >= self.reference_error:
             raise SceneError(
@@ -110,6 +115,11 @@ class WorkPrecision(Told, Result):
         """Draw computing time against error on logarithmic axes, one line per method and plant.
 
         Errors in the grey band are below the uncertainty of the reference. Return the axes.
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
         """
         from toolbox.scenes.figures import work_precision
 
@@ -141,21 +151,23 @@ def work_precision(
     Parameters
     ----------
     loop
-        A loop or a plant. Or {label: loop} for several levels of detail, of which the first is the reference.
+        A loop or a plant. Or {label: loop} for several models of one machine. The first model gives the reference
+        solution.
     duration
         Length of the runs [s]. By default the duration of the scene, for a loop from a scene.
     methods
-        Names of the methods. "taylor" fails if a plant, or a point that a run reaches, has no Taylor series.
+        Names of the methods, by default "taylor", "explicit", "stiff", "time-stepping" and "smoothed". "taylor" fails
+        if a plant, or a point that a run reaches, has no Taylor series.
     accuracies
-        Accuracies for the methods that locate events.
+        Accuracies for the methods that locate events, by default 1e-2, 1e-3 and so on to 1e-12.
     steps
         Steps [s] for time stepping. By default from 1e3 to 1e6 steps in the run.
     widths
-        Widths for regularised friction, as fractions of the largest slip.
+        Widths for regularised friction, as fractions of the largest slip speed, by default 0.1, 0.01 and so on to 1e-8.
     signals
-        Signals whose difference counts. By default all states. Needed for several plants.
+        Names of the signals whose difference counts. By default all states. Needed for several plants.
     repeats
-        Number of runs, of which the shortest counts.
+        Number of runs with each setting, by default 5. The shortest computing time counts.
 
     Returns
     -------

@@ -31,7 +31,7 @@ def bottleneck(run: Run, program: Program, work: Any, switches: np.ndarray) -> s
         most = int(np.argmax(switches))
         return f"`{names[most]}` switched {switches[most]} times"
     if len(run.clocks) and int(work.samplers[:, work_layout.TAKEN].sum()) >= SHARE * steps:
-        return f"a law samples every {min(period for period, _ in run.clocks):.3g} s"
+        return f"a law samples every {min(clock.period for clock in run.clocks):.3g} s"
     if int(work.ints[work_layout.JUMP]) >= SHARE * steps:
         return f"tables of inputs turn or jump at {int(work.ints[work_layout.JUMP])} times"
     mean, longest = t / steps, float(work.reals[work_layout.LONGEST])

@@ -18,18 +18,21 @@ class Budget:
     Attributes
     ----------
     steps
-        Largest number of steps, accepted and rejected.
+        Largest number of steps, accepted and rejected, by default 20 million.
     events
-        Largest number of switches of elements. A run with exactly this number of switches finishes. A run with more
-        switches ends at the first switch beyond this number and contains all switches before it.
+        Largest number of switches of contacts and other elements, by default no limit. A run with exactly this number
+        of switches finishes. A run with more switches ends at the first switch beyond this number and contains all
+        switches before it.
     seconds
-        Computing time in the event loop [s]. It is checked about ten times per second. Predictive controllers check it
-        before each program that they solve. Other controllers in Python can use `toolbox.authoring.time_left`.
+        Largest computing time of the run [s], by default no limit. It is checked about ten times per second. Predictive
+        controllers also check it before each optimisation. Other controllers in Python can read the remaining time with
+        `toolbox.authoring.time_left`.
 
     Raises
     ------
     SceneError
-        If a limit is not positive, or `steps` or `events` is no integer. The error comes when a run uses the budget.
+        If a limit is not positive, or `steps` or `events` is no integer. The error is raised at the start of a run with
+        this budget.
 
     Examples
     --------

@@ -22,6 +22,8 @@ from toolbox.compilation.rosenbrock import RODAS5P
 from toolbox.compilation.runge_kutta import DOP853, DOPRI5
 from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError
+from toolbox.files.units import in_si
+from toolbox.modelling.elements import OptionalQuantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.budget import UNHURRIED, Budget
 from toolbox.simulation.method_choice import without_series
@@ -120,11 +122,27 @@ class EventExact(Method):
     chooses: ClassVar[bool] = True
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Return the formulas of a step for this accuracy and plant: Taylor series, or explicit formulas if a series is impossible."""
+        """Return the formulas of a step for this accuracy and plant: Taylor series, or explicit formulas if a series is impossible.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return self.unwatched(accuracy, system).formulas(accuracy, system)
 
     def unwatched(self, accuracy: float, system: HybridSystem) -> Method:
-        """Return the method that is used while the plant is not stiff: Taylor series, or explicit formulas if a series is impossible."""
+        """Return the method that is used while the plant is not stiff: Taylor series, or explicit formulas if a series is impossible.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return Explicit() if without_series(accuracy, system) else TaylorSeries()
 
 
@@ -177,13 +195,27 @@ class TaylorSeries(Method):
     order: int | None = None
 
     def check(self, duration: float) -> None:
-        """Raise SceneError unless the order is a whole number from 6 to 30."""
+        """Raise SceneError unless the order is a whole number from 6 to 30.
+
+        Parameters
+        ----------
+        duration
+            Length of the run [s].
+        """
         super().check(duration)
         if self.order is not None:
             whole("order", self.order, 6, 30)
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Return a Taylor series of the given order, or of the order that follows from the accuracy."""
+        """Return a Taylor series of the given order, or of the order that follows from the accuracy.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return Taylor(self.order or 16)
 
 
@@ -203,18 +235,26 @@ class Implicit(Method):
     text: ClassVar[str] = "stiff"
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Return RODAS5P, a linearly implicit method of order 5."""
+        """Return RODAS5P, a linearly implicit method of order 5.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return RODAS5P
 
 
 @dataclass(frozen=True)
 class TimeStepping(Method):
-    """Fixed time steps with implicit contact forces. No switch is located (see `toolbox.compilation.moreau_jean`).
+    """Constant time steps with implicit contact forces. No switch is located.
 
     Parameters
     ----------
     step
-        Length of a step [s]. None (default) refines the step until the accuracy is met.
+        Length of a step [s], or text with a unit. None (default) refines the step until the accuracy is met.
     budget
         Limits on the cost of a run, a `Budget`.
 
@@ -231,17 +271,34 @@ class TimeStepping(Method):
     text: ClassVar[str] = "time-stepping"
     locates: ClassVar[bool] = False
     finer: ClassVar[str] = "TimeStepping(step=...)"
-    step: float | None = None
+    step: OptionalQuantity = quantity(None, "s", "length of a step")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "step", in_si(self.step, "s", "step"))
 
     def check(self, duration: float) -> None:
-        """Raise SceneError unless the step is a positive number and long enough for the budget."""
+        """Raise SceneError unless the step is a positive number and long enough for the budget.
+
+        Parameters
+        ----------
+        duration
+            Length of the run [s].
+        """
         super().check(duration)
         if self.step is not None:
             number("step", self.step, "s", above=0)
             number("step", self.step, "s", at_least=duration / self.budget.steps)
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Return the theta method of Moreau and Jean."""
+        """Return the theta method of Moreau and Jean.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return MOREAU_JEAN
 
     @property
@@ -257,7 +314,7 @@ class TimeStepping(Method):
 
 @dataclass(frozen=True)
 class Smoothing(Method):
-    """Regularised friction, integrated with the linearly implicit method (see `toolbox.modelling.smoothed`).
+    """Dry friction replaced by a smooth function of the slip speed, integrated with a linearly implicit method.
 
     Parameters
     ----------
@@ -286,7 +343,15 @@ class Smoothing(Method):
     tolerance: float | None = None
 
     def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
-        """Return RODAS5P, a linearly implicit method, because regularised friction is stiff."""
+        """Return RODAS5P, a linearly implicit method, because regularised friction is stiff.
+
+        Parameters
+        ----------
+        accuracy
+            Target for the global error of the run [1].
+        system
+            The plant with its controllers.
+        """
         return RODAS5P
 
     @property

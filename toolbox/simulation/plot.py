@@ -40,7 +40,16 @@ from toolbox.simulation.samples import Event, scalar, window
 
 
 class Pictured(Protocol):
-    """Attributes and methods of a run that the figures need: a `Trajectory`, or a run that `Trajectory.load` has read."""
+    """Attributes and methods of a run that the figures need: a `Trajectory`, or a run that `Trajectory.load` has read.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> run = simulate(compose(BlockOnBelt()), "60 s")
+    >>> print(len(run.intervals("belt")), "phases of the contact, speed in", run.unit("block.speed"))
+    12 phases of the contact, speed in m/s
+    """
 
     time: np.ndarray
     end: float
@@ -80,10 +89,22 @@ class Pictured(Protocol):
     def __getitem__(self, name: str) -> Any: ...
 
     def unit(self, name: str) -> str:
-        """Return the unit of a signal."""
+        """Return the unit of a signal.
+
+        Parameters
+        ----------
+        name
+            Name of the signal.
+        """
 
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
-        """Return the phases of one element in order, as (begin [s], end [s], name of the mode)."""
+        """Return the phases of one element in order, as (begin [s], end [s], name of the mode).
+
+        Parameters
+        ----------
+        element
+            Name of the element, such as "bit".
+        """
 
 
 def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Any:
@@ -438,7 +459,7 @@ def stacked_panels(rows: int, height: float, extra: float, sharey: bool = False)
     extra
         Height that is added to the heights of the panels [inch], for title and labels.
     sharey
-        Whether the panels share their vertical axis, too.
+        Whether the panels share their vertical axis, too, by default False.
 
     Returns
     -------

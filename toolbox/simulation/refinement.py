@@ -43,7 +43,7 @@ def refined(run: Run) -> Trajectory:
     stepping = not run.method.locates
     order, most = (1.0, MOST_STEPS) if stepping else (2.0 / 3.0, MOST_STIFF_STEPS)
     if stepping:
-        setting = min([max(run.duration, 1e-9) / FIRST_STEPS, *(period for period, _ in run.clocks)])
+        setting = min([max(run.duration, 1e-9) / FIRST_STEPS, *(clock.period for clock in run.clocks)])
         sizes = {}
     else:
         stepped = _stepped(run)

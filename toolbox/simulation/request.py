@@ -12,6 +12,7 @@ import numpy as np
 
 from toolbox.arguments import finite_array, number
 from toolbox.errors import SceneError
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, value_at
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.regularisation import SmoothSystem, checked_widths
@@ -76,7 +77,7 @@ class Request:
         return Run(
             plant=closed.plant, system=loop.system, duration=duration, start=begin, inputs=loop.input_values, kinds=loop.input_kinds, clocks=closed.clocks,
             controllers=closed.callables, accuracy=accuracy, output_times=grid, longest_step=duration / 256, seeds=closed.seeds, method=method,
-            budget=budget, solver=carry_out, loop=loop, irregular=closed.irregular,
+            budget=budget, solver=carry_out, loop=loop,
         )  # fmt: skip
 
 
@@ -84,9 +85,9 @@ MOST_SAMPLES = 1e10
 """Samples of a law in one run, far beyond the steps of any budget that nobody chose; more are a slip of the unit."""
 
 
-def _check_samples(clocks: Sequence[tuple[float, float]], duration: float) -> None:
+def _check_samples(clocks: Sequence[Clock], duration: float) -> None:
     """Raise SceneError where a law would sample beyond count in a run that no budget ends."""
-    period = min([period for period, _ in clocks], default=math.inf)
+    period = min([clock.period for clock in clocks], default=math.inf)
     if duration / period > MOST_SAMPLES:
         raise SceneError(
             f"Argument `sample_time` must be at least {duration / MOST_SAMPLES:.3g} s in a run of {duration:g} s, which is {MOST_SAMPLES:g} samples, but it is "
@@ -127,13 +128,13 @@ def _with_modes(begin: RunState, system: HybridSystem, instant: Samples) -> RunS
     return replace(begin, modes=instant.mode[0].copy(), closures=gaps)
 
 
-def _remembered(instant: Samples, system: HybridSystem, clocks: Sequence[tuple[float, float]], laws: Sequence[Any]) -> dict[str, Any]:
+def _remembered(instant: Samples, system: HybridSystem, clocks: Sequence[Clock], laws: Sequence[Any]) -> dict[str, Any]:
     """What continuous laws remember at an instant of a run, by state.
 
     Raises SceneError where sampled laws of that run, and of the one that is to begin there, remember something: the record of a run does not hold it.
     """
     before = instant.program.system
-    remember = any(update.memory.numel() for update in system.updates) or any(delay > 0.0 for _, delay in clocks)
+    remember = any(update.memory.numel() for update in system.updates) or any(clock.delay > 0.0 for clock in clocks)
     if before.updates and (remember or not all(isinstance(law, FunctionType) for law in laws)):
         raise SceneError(
             "Argument `start` must be `run.last` for a run to go on where its laws are sampled, because an instant such as `run.at(12.5)` does not "

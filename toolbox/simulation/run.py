@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.numbers import Number
@@ -32,7 +33,7 @@ class Run:
     inputs, kinds
         Values of the inputs, and how each of them is given, which is structure.
     clocks
-        (period, delay) of each sampled law [s].
+        Clock of each sampled law.
     controllers
         Python callables among the laws.
     accuracy
@@ -51,8 +52,6 @@ class Run:
         Function that carries the run out and returns a Trajectory.
     loop
         The loop that is run, which knows the units in which it was typed.
-    irregular
-        (jitter [s], probability of a missed sample) of each sampled law.
     """
 
     plant: HybridSystem
@@ -61,7 +60,7 @@ class Run:
     start: RunState
     inputs: dict[str, Any]
     kinds: tuple[tuple[str, Any], ...]
-    clocks: list[tuple[float, float]]
+    clocks: list[Clock]
     controllers: list[Any]
     accuracy: float
     output_times: np.ndarray | None
@@ -71,7 +70,6 @@ class Run:
     budget: Budget
     solver: Callable[[Run], Any]
     loop: ClosedLoop
-    irregular: list[tuple[float, float]]
 
     @property
     def display_units(self) -> Mapping[str, str]:

@@ -23,6 +23,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray, count_of, finite_array
 from toolbox.errors import SceneError
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.closing import kind_of
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import fresh
@@ -71,7 +72,7 @@ class RunState:
     layout
         What the entries of `states`, `memory` and `held` are, by name.
     clocks
-        (period, delay) of each sampled law [s].
+        Clock of each sampled law.
     """
 
     time: float
@@ -87,12 +88,10 @@ class RunState:
     controllers: tuple[Any, ...] = ()
     carried: bool = False
     layout: Layout = field(default=(), repr=False)
-    clocks: tuple[tuple[float, float], ...] = field(default=(), repr=False)
+    clocks: tuple[Clock, ...] = field(default=(), repr=False)
 
     @staticmethod
-    def begun(
-        system: HybridSystem, plant: HybridSystem, clocks: Sequence[tuple[float, float]], start: Mapping[str, Any] | None = None
-    ) -> RunState:
+    def begun(system: HybridSystem, plant: HybridSystem, clocks: Sequence[Clock], start: Mapping[str, Any] | None = None) -> RunState:
         """Return the state in which a run begins: at rest, with the memory of laws at zero, but for the values that are given.
 
         A signal that a late law drives has its default, or the value given, until the first output arrives; what other laws hold follows from their first
@@ -103,7 +102,7 @@ class RunState:
         system, plant
             The closed system, and the plant in it.
         clocks
-            (period, delay) of each sampled law [s].
+            Clock of each sampled law.
         start
             {state of the plant, state that a sampled law remembers, or signal that one holds: value}.
 
@@ -179,7 +178,7 @@ class RunState:
             self, time=told["time"], carried=told["carried"], taken=taken, applied=applied, waiting=waiting, controllers=laws, **arrays
         )
 
-    def on_clocks(self, clocks: Sequence[tuple[float, float]]) -> RunState:
+    def on_clocks(self, clocks: Sequence[Clock]) -> RunState:
         """Return the state for a run with these sample times and delays: itself, if it has them.
 
         Controllers keep what they remember and hold, and outputs that are on their way stay so. With other sample times the next samples come when they would
@@ -187,20 +186,21 @@ class RunState:
         """
         if tuple(clocks) == self.clocks:
             return self
-        if [period for period, _ in clocks] == [period for period, _ in self.clocks]:
+        periods = [clock.period for clock in clocks]
+        if periods == [clock.period for clock in self.clocks]:
             return replace(self, clocks=tuple(clocks))
-        until = [taken * period - self.time for taken, (period, _) in zip(self.taken, self.clocks, strict=True)]
-        more = max(0, *(math.ceil(wait / period) - taken for wait, taken, (period, _) in zip(until, self.taken, clocks, strict=True)))
+        until = [taken * clock.period - self.time for taken, clock in zip(self.taken, self.clocks, strict=True)]
+        more = max(0, *(math.ceil(wait / period) - taken for wait, taken, period in zip(until, self.taken, periods, strict=True)))
         taken, applied = (tuple(count + more for count in counts) for counts in (self.taken, self.applied))
-        times = [count * period - wait for count, wait, (period, _) in zip(taken, until, clocks, strict=True)]
-        if max(times) - min(times) <= 1e-9 * min(period for period, _ in clocks):
+        times = [count * period - wait for count, wait, period in zip(taken, until, periods, strict=True)]
+        if max(times) - min(times) <= 1e-9 * min(periods):
             return replace(self, time=times[0], taken=taken, applied=applied, clocks=tuple(clocks))
         few = len(clocks)
         return replace(
             self, time=0.0, taken=(0,) * few, applied=(0,) * few, waiting=tuple(rows[:0] for rows in self.waiting), clocks=tuple(clocks)
         )
 
-    def check(self, system: HybridSystem, clocks: Sequence[tuple[float, float]], laws: Sequence[Any]) -> None:
+    def check(self, system: HybridSystem, clocks: Sequence[Clock], laws: Sequence[Any]) -> None:
         """Raise SceneError unless a run of this system, with laws of these clocks, can go on from here."""
         if layout_of(system) != self.layout:
             here, there = ({name for name, _, _ in layout} for layout in (self.layout, layout_of(system)))
@@ -209,10 +209,10 @@ class RunState:
                 f"Argument `start` must be the state of a run of the same plant and laws, but they differ by {names}: to begin anew, give the "
                 "states by name, `{name: state[name] for name in plant.states}`."
             )
-        if tuple(clocks) != self.clocks:
+        now, then = ([(clock.period, clock.delay) for clock in own] for own in (clocks, self.clocks))
+        if now != then:
             raise SceneError(
-                f"Argument `start` must be the state of a run with the same sample times and delays, but these are {list(self.clocks)} s there "
-                f"and {list(clocks)} s here."
+                f"Argument `start` must be the state of a run with the same sample times and delays, but these are {then} s there and {now} s here."
             )
         for kept, law in zip(self.controllers, laws, strict=True):
             fits = isinstance(law, FunctionType) if kept is None else offers_memory(law) or type(kept) is type(law)
@@ -262,17 +262,17 @@ def layout_of(system: HybridSystem) -> Layout:
     return tuple(found)
 
 
-def held_defaults(system: HybridSystem, plant: HybridSystem, clocks: Sequence[tuple[float, float]], values: np.ndarray) -> np.ndarray:
+def held_defaults(system: HybridSystem, plant: HybridSystem, clocks: Sequence[Clock], values: np.ndarray) -> np.ndarray:
     """The signals that sampled laws hold before their first output, for parameters of the plant (one set, or one per column): (held,) or (sets, held).
 
     A signal that a late law drives has the default that it has without the law; every other is 0, and is set by the first sample.
     """
     held = np.zeros((*values.shape[1:], system.held.numel()))
-    if any(delay > 0.0 for _, delay in clocks):
+    if any(clock.delay > 0.0 for clock in clocks):
         known = np.array(plant.input_defaults(values)).reshape(len(plant.inputs), *values.shape[1:])
         defaults = dict(zip(plant.inputs, known, strict=True))
-        for update, (_, delay) in zip(system.updates, clocks, strict=True):
+        for update, clock in zip(system.updates, clocks, strict=True):
             for place, name in enumerate(update.names, update.first_held):
-                if delay > 0.0 and name in defaults:
+                if clock.delay > 0.0 and name in defaults:
                     held[..., place] = defaults[name]
     return held

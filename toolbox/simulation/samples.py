@@ -77,13 +77,18 @@ class Stays:
 
     def time_in(self, element: str, mode: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
         """Seconds that an element spends in a mode between `after` and `until` (the end of the run). Raises SceneError for an `after` beyond the end."""
+        stays = self._stays_in(element, mode)
+        after = number("after", after, "s", at_most=self.end)  # no stick in no time would read as cured
+        last = self.end if until is None else number("until", until, "s")
+        return float(sum(max(0.0, min(end, last) - max(begin, after)) for begin, end in stays))
+
+    def _stays_in(self, element: str, mode: str) -> list[tuple[float, float]]:
+        """(begin, end) [s] of the stays of an element in a mode; raises SceneError for an unknown element or mode."""
         intervals = self.intervals(element)
         known = self._legends[element].values()
         if mode not in known:
             raise SceneError(f"There is no mode `{mode}` of `{element}`: {suggest(mode, known)}")
-        after = number("after", after, "s", at_most=self.end)  # no stick in no time would read as cured
-        last = self.end if until is None else number("until", until, "s")
-        return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in intervals if word == mode))
+        return [(begin, end) for begin, end, word in intervals if word == mode]
 
 
 Read = TypeVar("Read", covariant=True)

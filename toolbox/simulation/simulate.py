@@ -48,35 +48,37 @@ def simulate(
         Length of the run [s], >= 0, from the time of `start` on. By default the duration of the scene, for a loop from
         a scene.
     start
-        One of these:
+        Start of the run, by default rest (all states 0) at the time 0. One of these:
 
         - {state, or signal that is a state: start value}. All other states are 0, and the time is 0.
         - One instant of another run, `run.at(12.5)`.
         - An `Equilibrium`, whose states are used.
-        - `run.last`. The run continues at the end of that run, at the same absolute time, with the memory of all
-          controllers and the commands that are still delayed, so that both are one run. Inputs are then functions of
-          the absolute time, and `run.time` begins at the end of that run. An event exactly at the cut is listed once:
-          by the first run if its steps reach the event, else by the second.
+        - `run.last`. The new run continues the old run at its end, as one run without interruption: at the same
+          absolute time, with the memory of all controllers and the commands that are still delayed. Inputs are
+          functions of the absolute time, and `time` of the new run begins at the end of the old run. An event exactly
+          at this time is listed in one of the two runs only.
     inputs
         {signal, or parameter of the plant that changes in time: value}. A value is a number, text with a unit, a table
         (times, values), a shape of `toolbox.inputs` (`step`, `ramp`, `sine`, `noise`, `square`, `triangle`,
-        `inputs.sweep`), or a casadi expression of `toolbox.time`.
+        `inputs.sweep`), or a casadi expression of `toolbox.time`. By default every input has the default value of its
+        part.
     parameters
-        {parameter of the plant or of a controller: value}, for this run only. The controller is not designed again: it
-        keeps its design on the declared plant.
+        {parameter of the plant or of a controller: value}, for this run only, by default none. The controller is not
+        designed again: it keeps its design on the plant with its own values.
     controller
-        A `Controller`, a callable (t, y) -> u, `Sampled(controller, period, delay)`, or a sequence of them.
+        A `Controller`, a callable (t, y) -> u, `Sampled(controller, period, delay)`, or a sequence of them. By default
+        None: the inputs alone drive the plant, or the controllers of the given loop act.
     sample_time
         Sample time of the controller [s]. By default a `Controller` acts continuously.
     method
-        A method or its name:
+        A method or its name, by default "event":
 
         - "event" locates every switch. It uses the steps that are fastest for the run: Taylor series, explicit
           formulas, or linearly implicit formulas if these are cheaper. Runs with a controller in Python use explicit
           formulas. `run.why` gives the choice and its reason.
         - "taylor", "explicit" and "stiff" locate every switch with the named steps.
-        - `TimeStepping(step)`, in short "time-stepping", locates no switch.
-        - `Smoothing(width)`, in short "smoothed", regularises friction.
+        - `TimeStepping(step)`, in short "time-stepping", moves in constant steps and locates no switch.
+        - `Smoothing(width)`, in short "smoothed", replaces dry friction by a smooth function of the slip speed.
 
         `TimeStepping` without a step and `Smoothing` without a width refine the step or the width until the accuracy is
         met. Every method has the option `budget` for limits on the cost of a run:

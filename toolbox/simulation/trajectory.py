@@ -93,25 +93,25 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
     begin
         Time at which the run begins [s]: 0, or the time of the state from which it continues.
     end
-        Time that was reached [s]: `begin` + duration, unless the run failed.
+        Time at which the run ends [s]: `begin` + duration, or an earlier time if the run failed.
     wall_time
         Computing time in the event loop [s].
     steps
-        Number of steps (accepted, rejected).
+        Numbers of steps of the run, a pair (accepted, rejected).
     merged
-        Number of cases in which a guard (switching function) reached zero, but the mode did not change. The element
-        only touched its threshold, or it left its mode and returned faster than can be resolved.
+        Number of cases in which a contact reached the limit of its mode, but its mode did not change. The contact only
+        touched the limit, or it left its mode and returned faster than can be resolved.
     before
-        (time [s], formulas) if the run changed to implicit steps: the time of the change, and the explicit formulas of
-        the steps before it. None for every other run.
+        (time [s], formulas) of a run that changed from explicit to implicit steps: the time of the change, and the
+        explicit formulas of the steps before this time. None for every other run.
     answers
-        Outputs of each controller that is written in Python, sample by sample.
+        Outputs of the controllers that are written in Python: for each controller a list with one array per sample.
     controllers
         The controllers that are written in Python, in their state at the end of the run, with their records. A pickled
         trajectory does not contain them.
     why
         Text about the choice of steps. For the method "event": the kind of steps that the run used, and the reason for
-        this kind. For any other method: the reason why the run used other steps than the method names, or empty text.
+        this kind. For another method: empty text, or the reason if the run did not use the steps of this method.
 
     Examples
     --------
@@ -217,11 +217,12 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @cached_property
     def last(self) -> RunState:
-        """The whole state at the end of the run: `simulate(plant, duration, start=run.last, ...)` continues the run as if it had not ended.
+        """The whole state at the end of the run, from which another run continues: `simulate(plant, duration,
+        start=run.last, ...)`.
 
         It contains the states of the plant, the memory of all controllers, the commands that are held, and the commands
         that are still delayed. For a controller in Python it contains the array of its method `get_memory`. Without
-        this method it contains a copy of the object. A plain function is taken to have no memory.
+        this method it contains a copy of the object. A plain function is assumed to have no memory.
 
         Raises SceneError in three cases:
 
@@ -250,7 +251,8 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @cached_property
     def events(self) -> list[Event]:  # type: ignore[override]
-        """Every switch of every element, as a list of `Event` in order of time.
+        """Every switch of every contact or other element, as a list of `Event` (time, element, modes before and after)
+        in order of time.
 
         If several frictions act on the same slip, they switch at the same instant, and each of them has its own event.
         The auxiliary element that gives the direction of a friction in two directions has no events here.
@@ -284,7 +286,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def ambiguous_events(self) -> list[Event]:
-        """Events with more than one choice of modes that was consistent with the forces.
+        """List of the events at which more than one choice of modes was consistent with the forces.
 
         If several contacts hold each other and the static friction is above the kinetic friction, Coulomb's law is not
         unique. It does not determine whether an arriving contact sticks, or which contact at its limit breaks away
@@ -295,7 +297,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def contacts(self) -> list[str]:
-        """Names of the elements with a friction law."""
+        """Names of the elements with a friction law, such as "bit"."""
         return [element.name for element in self.program.system.elements if element.law is not None]
 
     @property
@@ -319,9 +321,17 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return found
 
     def impact_speeds(self, element: str) -> FloatArray:
-        """Return the approach speeds at the impacts of a unilateral contact [m/s], in the order of its events.
+        """Return the approach speeds at the impacts of a unilateral contact [m/s], in the order of its events, shape (n,).
 
-        Raises SceneError for any other element.
+        Parameters
+        ----------
+        element
+            Name of the unilateral contact.
+
+        Raises
+        ------
+        SceneError
+            If the element is no unilateral contact.
         """
         elements = {each.name: each for each in self.program.system.elements if each.has_gap}
         if element not in elements:
@@ -348,7 +358,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
     def interpolated(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples[Any]:
         """Return all signals at times within the recorded steps.
 
-        At the end of a step the value is the value before a switch.
+        If a step ends with a switch, the value at its end is the value before the switch.
 
         Parameters
         ----------
@@ -357,7 +367,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         times
             Times [s], in the shape of `row`.
         single
-            Whether to return the values of a single time instead of arrays.
+            Whether to return the values of a single time instead of arrays, by default False.
         """
         following = np.minimum(row + 1, self.time.size - 1)
         ends = (times == self.time[following]) & (row < following)
@@ -372,26 +382,32 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         """States at times within the recorded steps that begin at the nodes `row`."""
         return states_between(self, times, row)
 
-    @cached_property
+    @property
     def every_step(self) -> Trajectory:
         """The same run with every step recorded. If every step is recorded already, this is the run itself. Otherwise the steps are computed again."""
         found = self.restart_nodes
-        if not found.passed.size:
-            return found
-        places, row = np.searchsorted(found.time, found.passed), np.searchsorted(found.time, found.passed, side="right") - 1
-        inside = found.interpolated(row, found.passed)
-        names = ("time", "states", "mode", "held")
-        whole = {name: np.insert(getattr(found, name), places, getattr(inside, name), axis=0) for name in names}
-        return _trajectory_again(type(found), found.program.formulas, {**found._told(), **whole, "passed": np.empty(0)})
+        return found._with_passed_steps if found.passed.size else found
 
     @cached_property
+    def _with_passed_steps(self) -> Trajectory:
+        """The run at its nodes and at the steps between them that are not recorded."""
+        places, row = np.searchsorted(self.time, self.passed), np.searchsorted(self.time, self.passed, side="right") - 1
+        inside = self.interpolated(row, self.passed)
+        names = ("time", "states", "mode", "held")
+        whole = {name: np.insert(getattr(self, name), places, getattr(inside, name), axis=0) for name in names}
+        return _trajectory_again(type(self), self.program.formulas, {**self._told(), **whole, "passed": np.empty(0)})
+
+    @property
     def restart_nodes(self) -> Trajectory:
         """The same run recorded at steps instead of output times, so that any state can be computed by one step from a recorded state.
 
-        If no output times were given, this is the run itself.
+        If no output times were given, this is the run itself. It is not kept in the run then: a run that holds itself stays in memory.
         """
-        if self.run.output_times is None:
-            return self
+        return self if self.run.output_times is None else self._at_steps
+
+    @cached_property
+    def _at_steps(self) -> Trajectory:
+        """The run with output times, carried out once more and recorded at its steps."""
         laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
         start = replace(self.run.start, controllers=())
         budget = UNHURRIED  # as far, however long it takes
@@ -431,7 +447,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         Parameters
         ----------
         better
-            The other run.
+            The other run, usually with a smaller error.
         """
         if not isinstance(better, Trajectory):
             raise SceneError(f"Argument `better` must be a trajectory, as `simulate` returns it, but it is {short(better)}.")
@@ -470,7 +486,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return self.time[1:][(np.diff(self.time) == 0.0) & (change.max(axis=1) > 0.01 * least)]
 
     def save(self, path: str | Path, signals: Sequence[str] | None = None) -> Path:
-        """Write signals, modes and events to an npz file without pickle, for `Trajectory.load`.
+        """Write signals, modes and events to an npz file (without pickle), which `Trajectory.load` reads.
 
         The file contains the records, and for each step a polynomial for each signal. The deviation of the polynomial
         from `run.at`, relative to the size of the signal, is at most the smaller of 1e-10 and 1e-4 times the accuracy
@@ -480,7 +496,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         Parameters
         ----------
         path
-            The file.
+            Path of the file.
         signals
             Names of the signals to write. By default all.
 
@@ -502,7 +518,19 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @staticmethod
     def load(path: str | Path) -> SavedRun:
-        """Read a run from a file of `save`. The run can be plotted, measured, compared and tabled. Raises SceneError for any other file."""
+        """Read a run from a file that `Trajectory.save` has written.
+
+        Plots, metrics, comparisons and tables work with this run as with the result of `simulate`.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        SceneError
+            If the file is missing or is no file of `Trajectory.save`."""
         return SavedRun.read(Path(path))
 
     def __repr__(self) -> str:

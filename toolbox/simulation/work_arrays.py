@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import zlib
 from collections.abc import Sequence
 from typing import Any
@@ -64,7 +65,7 @@ def work_arrays(run: Run, program: Program) -> Any:
     elif fixed is not None:
         capacity = 1024 + int(run.duration / fixed / ints[work_layout.NODES])
     else:  # arrays that are full cost a copy each time
-        capacity = 1024 + int(min(sum([1.05 * run.duration / period for period, _ in run.clocks]), MAX_SAMPLES))
+        capacity = 1024 + int(min(sum([1.05 * run.duration / clock.period for clock in run.clocks]), MAX_SAMPLES))
     x = np.zeros(n)  # behind the states come those of hidden forces
     x[: state.states.size] = state.states
     initial, sizes = program.initial, np.zeros(2 * ng)
@@ -152,7 +153,7 @@ def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.nd
     """The rows of sampled laws, their clocks, the keys of their noise, the queue of their outputs, and the most outputs that one has."""
     updates = run.system.updates
     samplers = np.zeros((len(updates), work_layout.COLUMNS), np.int64)
-    clocks = np.hstack([np.array(run.clocks, float), np.array(run.irregular, float)])
+    clocks = np.array(run.clocks, float)
     first_state = 0
     for c, update in enumerate(updates):
         size, first_output = update.memory.numel(), program.held_slot + update.first_held
@@ -168,7 +169,10 @@ def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.nd
             len(update.channels),
         )
         first_state += size + len(update.channels)
-    depth = 2 + int(max(np.ceil(min(d + jitter, run.duration + h, run.budget.steps * h) / h) for h, d, jitter, _ in clocks))
+    latest = [
+        min(clock.delay + clock.jitter, run.duration + clock.period, run.budget.steps * clock.period) / clock.period for clock in run.clocks
+    ]
+    depth = 2 + math.ceil(max(latest))
     depth = max(depth, *(len(rows) + 2 for rows in run.start.waiting))
     widest = max(update.outputs.numel() for update in updates)
     queue = np.zeros((len(updates), depth, widest))

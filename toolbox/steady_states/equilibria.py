@@ -56,7 +56,7 @@ def equilibria(loop: ClosedLoop) -> list[Equilibrium]:
     Raises
     ------
     SceneError
-        If the loop is no loop or plant, or an input varies in time. An empty result raises nothing.
+        If the argument is neither a loop nor a plant, or if an input varies in time. An empty list is not an error.
 
     Examples
     --------

@@ -109,8 +109,8 @@ def hopf_points(
 ) -> list[HopfPoint]:
     """Find every Hopf point of smooth running in a range of one parameter or input.
 
-    At a Hopf point a pair of poles crosses the imaginary axis. The points are in the order of the parameter and exact
-    to round-off.
+    At a Hopf point a pair of poles crosses the imaginary axis, so smooth running begins or ceases to be stable. The
+    points are in the order of the parameter and exact to round-off.
 
     - A controller keeps the design that it has on the nominal plant.
     - Values without a steady state are skipped. If smooth running ends inside the range, its end is examined as one
@@ -133,10 +133,11 @@ def hopf_points(
         {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide at
         the start.
     guess
-        {state: value} of one steady state in the range. Needed if no steady state is found without it, for example
-        under a drive with limits.
+        {state: value} near one steady state in the range, as a start of the search. By default None: the search starts
+        without a guess. Needed if this search fails, for example under a drive with limits.
     num_values
-        Number of values of the parameter that are examined. Two crossings between neighbouring values are missed.
+        Number of values of the parameter that are examined, by default 33. Two Hopf points between neighbouring values
+        are not found.
 
     Returns
     -------
@@ -242,7 +243,7 @@ def hopf_curve(
     -------
     array, shape (len(values),)
         The Hopf values of the first parameter. If there are several for one value of the second parameter, the
-        outermost of them. nan if the range holds none, or if there is no smooth running.
+        outermost value. nan if the range contains no Hopf value, or if there is no smooth running.
 
     Raises
     ------

@@ -69,7 +69,7 @@ def impedance(
     frequency
         Frequencies w [rad/s], > 0.
     plant
-        The plant on which controllers are designed.
+        The plant on which the controller is designed. By default None, for a controller whose gains are given.
     speed_signal, torque_signal
         Names of the speed and of the torque at the top. By default the first signals that the controller measures and
         gives.
@@ -79,7 +79,8 @@ def impedance(
     speed
         Speed around which the controller is linearised [rad/s], by default 0.
     at
-        {state of the controller: value} at this speed. States that are left out are 0.
+        {state of the controller: value} at this speed, around which the controller is linearised. States that are left
+        out are 0 (by default all states).
 
     Returns
     -------

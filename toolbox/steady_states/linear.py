@@ -66,7 +66,7 @@ def equilibrium(loop: ClosedLoop, *, guess: Mapping[str, Any] | None = None, mod
     NoSteadyState
         If no steady state is found, or the steady state contradicts its modes.
     SceneError
-        If the loop is no loop or plant, an input varies in time, or a name is unknown.
+        If the argument is neither a loop nor a plant, an input varies in time, or a name is unknown.
 
     Examples
     --------
@@ -263,8 +263,8 @@ def linearise(
 
     The result is a `control.StateSpace` with named states, inputs and outputs, computed from exact Jacobians.
 
-    - The point need not be a steady state. If it is none, the matrices describe small deviations from the motion
-      through the point, at frozen time.
+    - The point need not be a steady state. At any other point the matrices describe small deviations from the motion
+      through this point, with the time held constant.
     - One state per sticking contact is left out. States that sticking contacts determine get the values that follow
       from the stick, unless `at` gives them.
     - Names have "_" in place of ".", because python-control reserves the dot: `sys["bit_speed", "top_torque"]`, states
@@ -279,8 +279,8 @@ def linearise(
         value}. States that the mapping leaves out are 0. Inputs that it leaves out have their value in the loop, else
         their default. If `at` is the steady state of a loop around this plant, only the plant is linearised there.
     mode
-        {contact or relay: mode}, such as {"bit": "stick"}. By default the modes of `at`, else the direction of slip. At
-        zero slip contacts slide forwards and relays are on their surface.
+        {contact or relay: mode}, such as {"bit": "stick"}. By default the modes of `at`. If `at` has no modes, contacts
+        slide in the direction of their slip (forwards at zero slip), and relays are on their surface.
     inputs
         Names of the inputs to keep. By default all.
     outputs

@@ -16,8 +16,8 @@ import numpy as np
 from toolbox.arguments import FloatArray
 from toolbox.errors import NoSteadyState, SceneError
 from toolbox.halving import zero
+from toolbox.modelling.clocks import check_regular
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.closing import check_regular
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium
 from toolbox.simulation.run_state import RunState
@@ -32,7 +32,7 @@ REAL = 1e-9
 
 def check_slopes(loop: ClosedLoop) -> None:
     """Raise SceneError where a controller is a Python callable, which has no slope, or takes samples late or misses some."""
-    check_regular(loop.assembly.irregular, "for a loop to have poles")
+    check_regular(loop.assembly.clocks, "for a loop to have poles")
     if loop.assembly.callables:
         raise SceneError(
             "Argument `loop` must hold controllers with slopes, but a Python callable has neither a slope nor a continuous form: `onset` judges its runs."

@@ -53,13 +53,13 @@ def matrix_over_period(point: SampledPoint, slope: FloatArray) -> tuple[FloatArr
     NoDerivative
         If the sample times have no common period of a sensible length.
     """
-    periods = [period for period, _ in point.clocks]
+    periods = [clock.period for clock in point.clocks]
     span, counts = common_period(periods)
     if 2 * sum(counts) > MOST_INSTANTS:
         raise NoDerivative(f"the sample times {sorted(set(periods))} s have no common period of less than {MOST_INSTANTS} instants")
     near = SAME * min(periods)
-    waiting = [math.floor((delay + near) / period) for period, delay in point.clocks]
-    late = [delay - count * period for (period, delay), count in zip(point.clocks, waiting, strict=True)]  # by parts of a period
+    waiting = [math.floor((clock.delay + near) / clock.period) for clock in point.clocks]
+    late = [clock.delay - count * clock.period for clock, count in zip(point.clocks, waiting, strict=True)]  # by parts of a period
     due = []
     for c, (period, part) in enumerate(zip(periods, late, strict=True)):
         for k in range(counts[c]):

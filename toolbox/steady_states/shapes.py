@@ -84,7 +84,7 @@ class ModeShapes(Result):
         Parameters
         ----------
         most
-            Largest number of modes that are drawn.
+            Largest number of modes that are drawn, by default 5.
         ax
             Axes to draw into. By default a new figure.
         """

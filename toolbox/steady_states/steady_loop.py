@@ -21,8 +21,8 @@ import numpy as np
 
 from toolbox.arguments import count_of, mapping
 from toolbox.errors import SceneError, SimulationError
+from toolbox.modelling.clocks import Clock, check_regular
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.closing import check_regular
 from toolbox.modelling.components import Equations, Signal
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
@@ -117,7 +117,7 @@ class SampledPoint:
     Unknown are the states x, the held signals h that something reads, and the memories z: f(x, h) = 0, h = outputs(x, h, z), z = following(x, h, z).
     """
 
-    def __init__(self, system: HybridSystem, plant: HybridSystem, clocks: Sequence[tuple[float, float]], inputs: Mapping[str, float]):
+    def __init__(self, system: HybridSystem, plant: HybridSystem, clocks: Sequence[Clock], inputs: Mapping[str, float]):
         self.system, self.clocks = system, clocks
         self.u = input_values(system, inputs)
         field = at_rest(system, system.switched_equations.field)
@@ -247,11 +247,11 @@ class SampledPoint:
 
     def loop(self, slope: np.ndarray, delay: float = 0.0, only: int | None = None) -> LinearLoop:
         """The linear loop from the slopes at the steady q, with commands that come some delay [s] later than they do: all, or `only` one."""
-        period = self.clocks[0][0]
+        period = self.clocks[0].period
         lags = []
         for j in range(self.h):
             later = delay if j in self.driven and only in (None, self.driven.tolist().index(j)) else 0.0
-            late = self.clocks[self.owner[j]][1] + later
+            late = self.clocks[self.owner[j]].delay + later
             whole = int(np.floor(late / period * (1.0 + 1e-12)))
             lags.append((whole, max(late - whole * period, 0.0)))
         n, h, z = self.n, self.h, self.z
@@ -298,12 +298,12 @@ def without_sensor_errors(loop: ClosedLoop) -> ClosedLoop:
 def sampled_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoop:
     """The loop of sampled laws, with continuous ones as a part of the plant; raises NoDerivative where a law has none at steady running."""
     exact = without_sensor_errors(loop)
-    check_regular(exact.assembly.irregular, "for a loop to have a linear form")
+    check_regular(exact.assembly.clocks, "for a loop to have a linear form")
     plant, inputs, system, clocks = loop.plant, loop.constant_inputs("a linear loop"), exact.system, exact.assembly.clocks
     check_one_direction(system.elements, "The linear loop of a sampled law", "let the law act continuously")
     if any(update.from_callable for update in system.updates):
         raise NoDerivative("the law is a Python callable")
-    periods = {period for period, _ in clocks}
+    periods = {clock.period for clock in clocks}
     if len(periods) > 1:
         raise SceneError(
             f"Argument `controller` must hold laws of one period to have a linear loop, but their periods are {sorted(periods)} s."
@@ -357,7 +357,7 @@ def _guesses(point: SampledPoint, loop: ClosedLoop, guess: Mapping[str, Any]) ->
     states = states or ({name: candidates[-1][name] for name in plant.states} if candidates else {})
     if point.placed(states, {}, {}):
         yield point.with_outputs(states, {})
-    duration = SETTLING * max(period for period, _ in point.clocks)
+    duration = SETTLING * max(clock.period for clock in point.clocks)
     try:
         run = simulate(loop, duration, start=states, method=EventExact(budget=Budget(steps=1_000_000)))
     except SimulationError:
@@ -395,7 +395,7 @@ def steady_loop(loop: ClosedLoop, guess: Mapping[str, Any] | None = None) -> Ste
     """
     near = mapping("guess", guess)
     if not loop.controllers:
-        raise SceneError("Argument `loop` must hold a control law, but there is none.")
+        raise SceneError("Argument `loop` must contain a controller, but it has none: give one, `closed_loop(plant, controller)`.")
     if loop.depends_on_time:
         raise NoDerivative("time itself enters the equations of the loop")
     place_starts(loop.system, np.zeros(loop.system.x.numel()), {name: value for name, value in near.items() if not _remembered(loop, name)})

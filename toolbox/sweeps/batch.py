@@ -22,6 +22,7 @@ from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SimulationError
 from toolbox.measuring.metrics import Metric
 from toolbox.measuring.readings import RunningMeasures
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.laws import Sampled
 from toolbox.modelling.number_kinds import clock_path, clock_prefixes
@@ -62,8 +63,7 @@ class Task:
     """n runs of one closed loop.
 
     run: everything they share;  numbers: parameters and coefficients of inputs, shape (n, first_held) in the layout of `Program`;  starts: shape (n,
-    states), None for that of `run`;  clocks: (sample time, delay, jitter, probability of a missed sample) of the sampled controllers, shape
-    (n, controllers, 4), None for those of `run`;
+    states), None for that of `run`;  clocks: fields of `Clock` of the sampled controllers, shape (n, controllers, fields), None for those of `run`;
     memories: of the sampled laws, shape (n, m);  held: signals held at the start, shape (n, h), None for those of `run`;  seeds: of the noise of each
     sampled law, shape (n, laws), None for those of `run`;
     measures: read by a `RunningMeasures`, all from trajectories where one has no compiled form;
@@ -152,7 +152,8 @@ def runs_in_lanes(task: Task) -> bool:
     load; and while the step is a straight line of instructions.
     """
     run = task.run
-    if np.any(run.irregular if task.clocks is None else task.clocks[:, :, 2:]):  # lanes count samples by their number alone
+    clocks = run.clocks if task.clocks is None else [Clock(*task.clocks[:, c].max(axis=0, initial=0.0)) for c in range(len(run.clocks))]
+    if not all(clock.regular for clock in clocks):  # lanes count samples by their number alone
         return False
     if not run.method.in_lanes or run.controllers or run.start.carried or run.budget != UNHURRIED:
         return False
@@ -256,8 +257,9 @@ def with_room(run: Run, clocks: np.ndarray | None) -> Run:
     """The run with sample times and delays by which at least as many outputs are on their way as in any run with those clocks."""
     if clocks is None:
         return run
-    latest = (clocks[:, :, 1] + clocks[:, :, 2]).max(axis=0)
-    return dataclasses.replace(run, clocks=list(zip(clocks[:, :, 0].min(axis=0).tolist(), latest.tolist(), strict=True)))
+    of_each = [[Clock(*row) for row in rows] for rows in np.swapaxes(clocks, 0, 1).tolist()]
+    room = [Clock(min(each.period for each in own), max(each.delay + each.jitter for each in own)) for own in of_each]
+    return dataclasses.replace(run, clocks=room)
 
 
 def single(task: Task, i: int) -> Run:
@@ -284,7 +286,7 @@ def single(task: Task, i: int) -> Run:
     given = {"states": task.starts, "memory": task.memories, "held": task.held}
     start = dataclasses.replace(base.start, **{name: array[i].copy() for name, array in given.items() if array is not None})
     varied = {name: inputs[name] for name in inputs if inputs[name] is not base.inputs[name]}
-    base = base if task.clocks is None else _on_clocks(base, list(map(tuple, task.clocks[i].tolist())))
+    base = base if task.clocks is None else _on_clocks(base, [Clock(*row) for row in task.clocks[i].tolist()])
     start = start.on_clocks(base.clocks)
     clocked = {clock_path(base.loop, index) for index in clock_prefixes(base.loop).values()}  # `Sampled` says what they are
     own_numbers = {name: value for name, value in parameters.items() if name not in clocked}
@@ -295,16 +297,11 @@ def single(task: Task, i: int) -> Run:
     return dataclasses.replace(base, plant=plant, system=system, inputs=inputs, start=start, loop=loop, seeds=seeds)
 
 
-def _on_clocks(run: Run, clocks: list[tuple[float, float, float, float]]) -> Run:
-    """A run whose sampled controllers have other clocks, as in `Task`."""
-    given, laws = iter(clocks), []
-    for law in run.loop.controllers:
-        if isinstance(law, Sampled):
-            period, delay, jitter, missed = next(given)
-            law = dataclasses.replace(law, period=period, delay=delay, jitter=jitter, missed_samples=missed)
-        laws.append(law)
-    clocks_now, irregular = [each[:2] for each in clocks], [each[2:] for each in clocks]
-    return dataclasses.replace(run, clocks=clocks_now, irregular=irregular, loop=run.loop.with_controllers(laws))
+def _on_clocks(run: Run, clocks: list[Clock]) -> Run:
+    """A run whose sampled controllers have other clocks."""
+    given = iter(clocks)
+    laws = [dataclasses.replace(law, **next(given)._asdict()) if isinstance(law, Sampled) else law for law in run.loop.controllers]
+    return dataclasses.replace(run, clocks=clocks, loop=run.loop.with_controllers(laws))
 
 
 def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str], rows: Iterable[int]) -> None:

@@ -76,7 +76,7 @@ def grid(axes: Mapping[str, Any]) -> Variations:
     for name, row in axes.items():
         array = finite_array(row)
         if array is None or array.ndim != 1 or not array.size:
-            raise SceneError(f"Argument `{name}` must be a row of finite numbers, but it is {row!r}.")
+            raise SceneError(f"Argument `{name}` must be a list of finite numbers, such as [1.0, 2.0], but it is {row!r}.")
         values.append(array)
     if not values:
         raise SceneError("Argument `ranges` must name at least one number, but it is empty.")
@@ -127,7 +127,7 @@ def uniform(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0)
     runs
         Number of runs.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def latin_hypercube(ranges: Mapping[str, tuple[float, float]], runs: int, seed: 
     runs
         Number of runs.
     seed
-        Seed of the random numbers.
+        Seed of the random numbers, by default 0.
 
     Returns
     -------
@@ -191,7 +191,7 @@ def sobol(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -
     runs
         Number of runs. The sequence is balanced only if this number is a power of two.
     seed
-        Seed of the scrambling.
+        Seed of the scrambling, by default 0.
 
     Returns
     -------

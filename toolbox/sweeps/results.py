@@ -169,6 +169,11 @@ class Sweep(Told, Result):
         The format depends on the ending: a zarr store for .zarr (see `toolbox.sweeps.store`), a table for .csv, else
         npz without pickle. A table has one row per run in SI units with its error. It is for other programs: `load`
         does not read it.
+
+        Parameters
+        ----------
+        path
+            Path of the file, with the ending .zarr, .csv or .npz.
         """
         if Path(path).suffix == ".zarr":
             store.saved(self, Path(path))
@@ -187,6 +192,11 @@ class Sweep(Told, Result):
         """Read a sweep from a file of `save`, or from the `checkpoint` folder of a finished sweep.
 
         Raises SceneError for any other file or folder, and for a sweep that is not finished.
+
+        Parameters
+        ----------
+        path
+            Path of the file or folder.
         """
         path = Path(path)
         if not path.is_dir():

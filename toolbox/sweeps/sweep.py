@@ -69,32 +69,34 @@ def sweep(
     loop
         A loop, or a plant.
     ranges
-        {name: values} for a grid, or rows of {name: value}, in SI or text with units. Or a pandas table, or one of the
-        designs of experiments `latin_hypercube`, `sobol` and `uniform` of `toolbox.sweeps`. A name is any name of
-        `loop.variable_numbers()` except a sample time and the numbers of a table. An input that is varied is constant
-        during a run.
+        {name: values} for a grid, or a list of {name: value}, one for each run, in SI or text with units. Or a pandas
+        table, or one of the designs of experiments `latin_hypercube`, `sobol` and `uniform` of `toolbox.sweeps`. A name
+        is a parameter, an input or a start value of the loop (the keys of `loop.variable_numbers()`), but no sample
+        time and no number of a table. An input that is varied is constant during a run.
     duration
         Length of a run [s], or text with a unit. By default the duration of the scene, for a loop from a scene.
     start
         A function that gets the values {name: value} of a run and returns its start values {state, memory of a sampled
-        controller, or held command: start value}. They override the start of the loop.
+        controller, or held command: start value}. These start values override the start values of the loop. By default
+        None: all runs start with the start values of the loop.
     metrics
-        A name of `toolbox.measuring.metrics.METRICS`, a metric of that module, a function of the run, or several as a
-        sequence or {name: metric}. They are evaluated for the contact and the signal that the loop judges, from the
-        time that the loop gives or in the second half of the run. The metrics "settling" and "overshoot" and functions
+        A name such as "severity" (a key of `toolbox.measuring.metrics.METRICS`), a metric of this module, a function of
+        the run, or several as a sequence or {name: metric}. By default "severity" and "stuck_ratio". Metrics are
+        computed for the contact `element` and the speed `signal` of the loop, from the time `after` of the loop on, or
+        in the second half of the run if the loop has no `after`. The metrics "settling" and "overshoot" and functions
         are computed run after run, which takes longer than the metrics that are computed in machine code.
     method
-        A method or its name, as for `simulate`: "event", "taylor", "explicit", "stiff", "time-stepping" or "smoothed".
-        The `budget` of a method limits the cost of each single run.
+        A method or its name: "event" (default), "taylor", "explicit", "stiff", "time-stepping" or "smoothed".
+        `simulate` describes them. The `budget` of a method limits the cost of each single run.
     accuracy
         Target for the global error, between 1e-13 and 0.1. By default the accuracy of the scene, else 1e-6.
     executor
         Any `concurrent.futures.Executor`, such as the executor of a Dask client (`client.get_executor()`). By default
         one thread per core. If a controller is written in Python, one process per core if this saves time.
     checkpoint
-        A folder in which every result is stored as soon as it is computed, a zarr store (`toolbox.sweeps.store`; needs
-        the extra `batch`). The same call after an interruption continues, `xarray.open_zarr` shows the results so far,
-        and `Sweep.load` reads the finished sweep.
+        Path of a folder in which every result is stored as soon as it is computed, by default None. The folder is a
+        zarr store (`toolbox.sweeps.store`; needs the extra `batch`). After an interruption the same call continues the
+        sweep. `xarray.open_zarr` shows the results so far, and `Sweep.load` reads the finished sweep.
 
     Returns
     -------
@@ -134,6 +136,8 @@ def sweep(
         raise SceneError(
             "Argument `start` must be a function of what varies; start values belong to the loop: `closed_loop(plant, start=...)`."
         )
+    if duration is None and loop.duration is None:
+        raise SceneError('Argument `duration` must be given for a loop that does not come from a scene, such as "60 s".')
     duration = number("duration", loop.duration if duration is None else duration, "s", above=0)
     variations = variations_of(_in_si(ranges, loop))
     full = {name: loop.number(name).name for name in variations.names}

@@ -14,6 +14,7 @@ import numpy as np
 
 from toolbox.arguments import count_of, within
 from toolbox.errors import SceneError
+from toolbox.modelling.clocks import Clock
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, Slot, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of, symbolic_copy
 from toolbox.modelling.design_fields import designed_law
@@ -156,8 +157,8 @@ def _designs(loop: ClosedLoop, numbers: Sequence[Number], points: np.ndarray, br
         own = [k for k, index in of.items() if index == law]
         if not isinstance(loop.designed_controllers[law], Controller):
             raise SceneError(
-                f"Argument `{numbers[own[0]].name}` must not be varied in a sweep: the law is designed as a function of Python, which all runs share; "
-                "simulate `loop.at(name, value)` for each."
+                f"Argument `{numbers[own[0]].name}` must not be varied in a sweep: the design of this controller is a Python "
+                "callable, which is the same in all runs; simulate `loop.at(name, value)` for each value."
             )
         rows, which = np.unique(points[:, own], axis=0, return_inverse=True)
         gains = np.tile(loop.system.values, (len(rows), 1))
@@ -312,14 +313,14 @@ def passing(part: Any, row: np.ndarray, first: int, places: Sequence[int]) -> Ca
 
 
 def varied_clocks(run: Run, variations: Variations) -> np.ndarray | None:
-    """The clocks of the sampled controllers of every run, shape (runs, controllers, 4), as in `Task`; None where all have the same."""
+    """The clocks of the sampled controllers of every run, shape (runs, controllers, fields of `Clock`); None where all have the same."""
     loop = run.loop
     numbers = [(loop.number(name), column) for name, column in zip(variations.names, variations.points.T, strict=True)]
     varied = [(number.kind, number.name, column) for number, column in numbers if isinstance(number.kind, ClockKind)]
     if not varied:
         return None
     sampled = [k for k, law in enumerate(loop.controllers) if isinstance(law, Sampled)]
-    found = np.tile(np.hstack([np.array(run.clocks, float), np.array(run.irregular, float)]), (len(variations.points), 1, 1))
+    found = np.tile(np.array(run.clocks, float), (len(variations.points), 1, 1))
     for kind, name, column in varied:
         found[:, sampled.index(sampled_owner(loop, name)), kind.column] = column
     return found
@@ -329,22 +330,21 @@ def varied_held(run: Run, variations: Variations) -> np.ndarray | None:
     """What the signals of late laws have until the first output arrives, where it varies; else None."""
     plant = run.plant
     names = [name for name in variations.names if name not in run.system.inputs and plant.has_parameter(name)]
-    clocks = varied_clocks(run, variations)
-    late = [any(delay > 0 for _, delay in run.clocks)] if clocks is None else [bool((clocks[:, :, 1] > 0.0).any())]
-    if run.start.carried or not any(late) or (not names and clocks is None):
+    varied = varied_clocks(run, variations)
+    clocks = [run.clocks] if varied is None else [[Clock(*row) for row in rows] for rows in varied.tolist()]
+    late = any(clock.delay > 0.0 for own in clocks for clock in own)
+    if run.start.carried or not late or (not names and varied is None):
         return None
     values = np.repeat(plant.values[:, None], len(variations.points), axis=1)
     for name, column in zip(variations.names, variations.points.T, strict=True):
         if name in names:
             values[plant._parameter(name).offset] = column
     declared = held_defaults(run.system, plant, run.clocks, plant.values)
-    if clocks is None:
-        varied = held_defaults(run.system, plant, run.clocks, values)
+    if varied is None:
+        held = held_defaults(run.system, plant, run.clocks, values)
     else:
-        varied = np.array(
-            [held_defaults(run.system, plant, each, column) for each, column in zip(clocks[:, :, :2].tolist(), values.T, strict=True)]
-        )
-    return np.where(run.start.held == declared, varied, run.start.held)  # what the loop gives as a start value stays
+        held = np.array([held_defaults(run.system, plant, own, column) for own, column in zip(clocks, values.T, strict=True)])
+    return np.where(run.start.held == declared, held, run.start.held)  # what the loop gives as a start value stays
 
 
 def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:
@@ -365,7 +365,8 @@ def fingerprints(run: Run, varied: Sequence[str], **more: Any) -> dict[str, str]
     """What a run is made of, but for the inputs that are varied, and what else is given, argument by argument, as digests."""
     content = {
         "machine": [_plain(structure_of(part)) for part in run.system.parts] + [run.system.values.tolist()],
-        "controller": [_name(law) for law in run.controllers] + [run.clocks, run.seeds, *(run.irregular if np.any(run.irregular) else ())],
+        "controller": [_name(law) for law in run.controllers]
+        + [[each[:2] if each.regular else tuple(each) for each in run.clocks], run.seeds],
         "inputs": [(k, _number(v)) for k, v in sorted(run.inputs.items()) if k not in varied],
         "start": [str([(word, np.asarray(array).tolist()) for word in BEGIN for array in _arrays(getattr(run.start, word))])],
         "accuracy": [run.accuracy],

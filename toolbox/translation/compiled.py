@@ -46,6 +46,14 @@ class Compiled:
         for a named tuple of arrays. A function of named tuples takes only named tuples and returns an integer.
     gives
         Kind of the result of the function, as for an argument, by default "i".
+
+    Examples
+    --------
+    >>> from toolbox.authoring import Compiled
+    >>> from toolbox.stepping.noise import uniform
+    >>> random_number = Compiled(uniform, "u", "i", gives="f")
+    >>> print(f"{random_number(7, 0):.4f}")
+    0.3898
     """
 
     def __init__(self, py_func: Any, *arguments: Any, gives: str = "i"):

@@ -7,6 +7,7 @@ import math
 import operator
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -22,6 +23,16 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.NotEq: operator.ne,
 }
 ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.BitAnd, ast.BitOr, ast.BitXor, ast.LShift, ast.RShift)
+
+_SET: WeakKeyDictionary[ast.AST, frozenset[str]] = WeakKeyDictionary()
+"""What `names_set` found, for as long as the tree is there."""
+
+
+def names_set(tree: ast.AST) -> frozenset[str]:
+    """Names to which a part of a function gives values."""
+    if tree not in _SET:
+        _SET[tree] = frozenset(each.id for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
+    return _SET[tree]
 
 
 class Expressions:
@@ -70,7 +81,7 @@ class Expressions:
             return value if value.kind == "none" else self.said("variable", value.kind, name)
         if name in self.made.local:
             return self.said("variable", self.made.local[name], name)
-        if any(isinstance(each, ast.Name) and each.id == name and isinstance(each.ctx, ast.Store) for each in ast.walk(self.made.tree)):
+        if name in names_set(self.made.tree):
             self.refuse(node, f"`{name}` is read where it is not set")
         return self.number(node)
 

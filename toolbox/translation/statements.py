@@ -5,14 +5,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Sequence
 
-from toolbox.translation.expressions import Expressions
+from toolbox.translation.expressions import Expressions, names_set
 from toolbox.translation.kinds import Array, Arrays, Kind, NotTranslatable, Value, joined, known
-
-
-def _stores(body: list[ast.stmt], name: str) -> bool:
-    """Whether statements give a name another value."""
-    each = (part for statement in body for part in ast.walk(statement))
-    return any(isinstance(part, ast.Name) and part.id == name and isinstance(part.ctx, ast.Store) for part in each)
 
 
 class Writer(Expressions):
@@ -105,7 +99,7 @@ class Writer(Expressions):
             self.refuse(node)
         self.count += 1
         name = f"unused_{self.count}" if node.target.id == "_" else node.target.id
-        if name in self.names or _stores(node.body, name):
+        if name in self.names or any(name in names_set(each) for each in node.body):
             self.refuse(node, f"`{name}` is changed inside its loop")
         if isinstance(node.iter, ast.Tuple):
             values = [self.value(each) for each in node.iter.elts]

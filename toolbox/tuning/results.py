@@ -135,7 +135,13 @@ class Tuned(Told, Result):
         return self.trials[0]
 
     def counted(self, trial: Trial) -> tuple[float, ...]:
-        """Return the objectives of a trial, each combined over the scenes by `aggregate`, in the order of `objectives`."""
+        """Return the objectives of a trial, each combined over the scenes by `aggregate`, in the order of `objectives`.
+
+        Parameters
+        ----------
+        trial
+            The trial, an entry of `trials`.
+        """
         return counted_over(trial, self.aggregate)
 
     @property
@@ -170,7 +176,13 @@ class Tuned(Told, Result):
         return self.law_of(self.best)
 
     def law_of(self, trial: Trial) -> Controller | Sampled:
-        """Return the controller of a trial, such as a trial of the Pareto front. Raises SceneError after loading, because a file holds no loop."""
+        """Return the controller of a trial, such as a trial of the Pareto front. Raises SceneError after loading, because a file holds no loop.
+
+        Parameters
+        ----------
+        trial
+            The trial, an entry of `trials`.
+        """
         return law_with_numbers(with_numbers(self._machine, self.free, trial.numbers))
 
     @property
@@ -188,7 +200,15 @@ class Tuned(Told, Result):
         return self.loop
 
     def applied(self, scene: Scene, label: str) -> Scene:
-        """Return a scene with an additional case "<label>, tuned": a copy of the case `label` with the best numbers."""
+        """Return a scene with an additional case "<label>, tuned": a copy of the case `label` with the best numbers.
+
+        Parameters
+        ----------
+        scene
+            The scene.
+        label
+            Label of the case whose controller gets the best numbers.
+        """
         cases = []
         for case in scene.cases:
             cases.append(case)
@@ -264,7 +284,13 @@ class Tuned(Told, Result):
         return rows
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the Pareto front or, for one objective, the best value over the number of trials (`toolbox.tuning.figures.tuning_diagram`)."""
+        """Draw the Pareto front or, for one objective, the best value over the number of trials (`toolbox.tuning.figures.tuning_diagram`).
+
+        Parameters
+        ----------
+        ax
+            Matplotlib axes to draw on. By default None: a new figure.
+        """
         from toolbox.figures.style import reading_of  # here, because matplotlib is slow to import
         from toolbox.tuning.figures import tuning_diagram
 

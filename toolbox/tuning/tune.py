@@ -61,8 +61,8 @@ def tune(
 ) -> Tuned:
     """Find the numbers of a controller within `ranges` that minimise one objective, or the Pareto front of several objectives.
 
-    The module `toolbox.tuning` describes the search. The same arguments give the same result with any executor. If the
-    controller of a point cannot be designed, or a run of the point fails, its objective counts as infinite.
+    The same arguments give the same result with any executor. If the controller of a point cannot be designed, or a run
+    of the point fails, its objective counts as infinite.
 
     Parameters
     ----------
@@ -73,24 +73,26 @@ def tune(
         A `Controller` (continuous), a `Sampled`, or the label of a case that every scene has. With a label the
         controller of each scene keeps its own set-point, sample time and sensors.
     objective
-        The objective that is minimised: a metric by its name, judged as the scene says ("stuck" [s], "severity",
-        "settling" [s], "overshoot", "peak"), or a function run -> float. A sequence or {label: objective} asks for a
-        Pareto front.
+        The objective that is minimised: the name of a metric ("stuck" [s], "severity", "settling" [s], "overshoot" or
+        "peak"), which is computed for the contact, the signal and the times of the scene. Or a function run -> float. A
+        sequence or {label: objective} asks for a Pareto front.
     ranges
         {number of the controller: (low, high)}, in SI or text with units. The names are the names of numbers of the
         loop, such as "pi.proportional", "softtorque.detuning" or "lqr.gain.0". If only the design uses the number, the
         controller is designed again. Any other number is changed where it acts.
     duration
-        Length of the runs of plants [s].
+        Length of the runs [s], or text with a unit, needed if `scene` is a plant. By default None: a scene has its own
+        duration.
     aggregate
-        Function that combines the values of several scenes: `max` for the worst case, `statistics.fmean` for the mean.
+        Function that combines the values of several scenes: `max` (default) for the worst case, `statistics.fmean` for
+        the mean.
     runs
-        Largest number of points that are tried, with one run per scene each.
+        Largest number of points that are tried, by default 200. Each point needs one run per scene.
     seed
-        Seed of the search.
+        Seed of the random numbers of the search, by default 0.
     checkpoint
-        File that keeps every point. The same call after an interruption continues from this file and gives the same
-        result. A call with a larger number `runs` uses the points of an earlier call with fewer runs.
+        Path of a file that keeps every point, by default None. The same call after an interruption continues from this
+        file and gives the same result. A call with a larger number `runs` uses the points of an earlier call with fewer runs.
     executor
         Any `concurrent.futures.Executor` of processes, such as the executor of a Dask client. It simulates in parallel
         all scenes of a point, and all points that the search can name before their results are known. By default one

@@ -1,4 +1,4 @@
-"""What the verdict of a study says of runs that their own time does not decide."""
+"""What the verdict says of runs that their own time does not decide."""
 
 import math
 from pathlib import Path
@@ -13,7 +13,7 @@ from toolbox import Sampled, Scene, closed_loop, compose, hopf_points, inputs, s
 from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judged
 from toolbox.measuring.verdict import of_judged
 from toolbox.onsets.coming_to import comes_to
-from toolbox.onsets.study import verdict_row
+from toolbox.onsets.verdicts import verdict_row
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"

@@ -15,6 +15,7 @@ from tests.simulation.test_contacts import Ball
 from toolbox import Budget, SceneError, Trajectory, closed_loop, compose, energy_audit, fit, measure, simulate
 from toolbox.errors import BudgetError
 from toolbox.simulation import EventExact, Smoothing, saved_run
+from toolbox.simulation.samples import SignalFunction
 from toolbox.simulation.saved_run import interpolated, points
 
 NUMBERS = {"reference": 8.0, "lowest_torque": 0.0, "highest_torque": 20_000.0}
@@ -319,3 +320,32 @@ def test_a_run_that_takes_long_to_save_says_once_how_far_it_is(tmp_path, monkeyp
     monkeypatch.setattr(saved_run, "SILENT", 0.0)
     run.save(tmp_path / "run.npz")
     assert caplog.messages == [f"saving {run.time.size} steps: {saved_run.CHUNK} are done after 0 s ..."]
+
+
+class WatchedBuffer:
+    """A buffer of casadi that keeps which arguments were placed."""
+
+    def __init__(self, buffer, placed):
+        self.buffer, self.placed = buffer, placed
+
+    def set_arg(self, i, memory):
+        self.placed.add(i)
+        self.buffer.set_arg(i, memory)
+
+    def set_res(self, i, memory):
+        self.buffer.set_res(i, memory)
+
+
+def test_an_array_without_columns_is_given_no_place_in_memory(monkeypatch):
+    """A piece of such an array begins beyond it, in memory of others: casadi then reports corruption, or not, by where that lies."""
+    placed = set()
+    buffer_of = SignalFunction._buffer
+
+    def watched(self, size):
+        buffer, evaluate = buffer_of(self, size)
+        return WatchedBuffer(buffer, placed), evaluate
+
+    monkeypatch.setattr(SignalFunction, "_buffer", watched)
+    run = simulate(RIG, 20.0, controller=PI(9.0))
+    assert run["bit.speed"].size == run.time.size > 8
+    assert run.held.shape[1] == 0 and placed == {0, 1, 2, 4}  # time, states, numbers and mode, not the held signals

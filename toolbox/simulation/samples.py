@@ -218,8 +218,10 @@ class SignalFunction:
             while time.size - first >= size:
                 piece = slice(first, first + size)
                 for i, array in enumerate((time[piece], states[piece], constants, held[piece], mode[piece])):
-                    buffer.set_arg(i, array.data)
-                buffer.set_res(0, found[piece].data)
+                    if array.size:  # a piece of an array without columns points beyond it, into foreign memory
+                        buffer.set_arg(i, array.data)
+                if found.size:
+                    buffer.set_res(0, found[piece].data)
                 evaluate()
                 first += size
         return found

@@ -27,7 +27,7 @@ from toolbox.calibration.locating import located
 from toolbox.calibration.measured_loop import MeasuredLoop
 from toolbox.calibration.memory_loop import MemoryLoop
 from toolbox.calibration.recording import Recording, jumps
-from toolbox.calibration.residuals import Simulated
+from toolbox.calibration.residuals import Simulated, residuals
 from toolbox.calibration.results import Fit
 from toolbox.calibration.shifts import shift_number, shifts_of
 from toolbox.calibration.windows import MeasuredContact, Search, Together, Window, shared, windows_of
@@ -168,18 +168,20 @@ def fit(
         lowest, highest = np.array([ends[number.name] for number in misfit.numbers]).T
         return misfit, lowest, highest
 
-    def searched(misfit: Any, lowest: np.ndarray, highest: np.ndarray, first: np.ndarray, starts: int) -> Fit:
+    def squares(misfit: Any, lowest: np.ndarray, highest: np.ndarray, first: np.ndarray, starts: int) -> LeastSquares:
         numbers = misfit.numbers
         labels, units = tuple(number.name for number in numbers), tuple(number.unit for number in numbers)
-        limits = lowest, highest
         return LeastSquares(
-            misfit, labels, units, first, *limits, noise, search.robust, starts, search.seed, confidence, search.growing
-        ).fit()
+            misfit, labels, units, first, lowest, highest, noise, search.robust, starts, search.seed, confidence, search.growing
+        )
+
+    def searched(*given: Any) -> Fit:
+        return squares(*given).fit()
 
     misfit, lowest, highest = misfit_of(recording)
     found = searched(misfit, lowest, highest, np.array([number.value for number in misfit.numbers]), search.starts)
     undecided = [name for name in recording.signals if name in make.plant.inputs] if on is None and recording.held is None else []
-    best, other, chosen = EVIDENCE, (misfit, lowest, highest), tuple[str, ...]()
+    best, other, chosen, first = EVIDENCE, (misfit, lowest, highest), tuple[str, ...](), found.values
     drawn = [recording.holding(these) for these in dict.fromkeys([tuple(undecided), *((name,) for name in undecided)]) if these]
     jumping = [name for name in undecided if jumps(recording.signals[name][np.isfinite(recording.signals[name])]).any()]
     drawings = [*drawn, *([recording.stepping(jumping)] if jumping else [])]
@@ -188,24 +190,28 @@ def fit(
         gain = evidence(found, tried[0])
         if gain > best:
             best, other, chosen = gain, tried, drawing.held or drawing.stepped
-    again: Fit | None = None
-    if chosen:
-        again = searched(*other, found.values, 1)  # the search from other starts is done
-    elif undecided and search.fits_held and max(each.correlation for each in found.residuals) > STRUCTURED:
+    if not chosen and undecided and search.fits_held and max(each.correlation for each in found.residuals) > STRUCTURED:
         for drawing in drawings[:1] + drawings[len(drawn) :]:
             tried = misfit_of(drawing)
-            tied = searched(*tried, np.array([number.value for number in tried[0].numbers]), search.starts)
-            if (gain := fitted_evidence(found, tied)) > best:
-                again, best, chosen, other = tied, gain, drawing.held or drawing.stepped, tried
-    if again is not None:
-        kind = "stepped" if recording_of(other[0]).stepped else "held"
-        told: dict[str, Any] = {kind: dict.fromkeys(chosen, best)}
-        found = dataclasses.replace(again, agreeing_starts=found.agreeing_starts, starts=found.starts, **told)
-    elif on is None:
-        known = {name: dict.fromkeys(getattr(recording, name) or (), math.inf) for name in ("held", "stepped")}
-        found = dataclasses.replace(found, **known)
+            tied = squares(*tried, nearer(tried[0], found, np.array([number.value for number in tried[0].numbers])), 1).near()
+            if (gain := fitted_evidence(found, tried[0], tied)) > best:
+                best, other, chosen, first = gain, tried, drawing.held or drawing.stepped, tied
+    known = {name: dict.fromkeys(getattr(recording, name) or (), math.inf) for name in ("held", "stepped")} if on is None else {}
+    if chosen:
+        again = searched(*other, first, 1)  # the search from other starts is done
+        found = dataclasses.replace(again, agreeing_starts=found.agreeing_starts, starts=found.starts)
+        known = {"stepped" if recording_of(other[0]).stepped else "held": dict.fromkeys(chosen, best)}
+    found = dataclasses.replace(found, held=known.get("held", {}), stepped=known.get("stepped", {}))
     typed = [in_si(ranges[name], unit, name) for name, unit in zip(found.names, found.units, strict=True) if name in ranges]
     return dataclasses.replace(found, display_units={**loop.display_units, **asked_units(typed)})
+
+
+def nearer(misfit: Any, found: Fit, first: np.ndarray) -> np.ndarray:
+    """The numbers of a fit with inputs drawn otherwise, or those at which it began, whichever are nearer to the data of a misfit."""
+    scales = {each.signal: each.rms or 1.0 for each in found.residuals}
+    lefts = [np.nan_to_num(residuals(misfit, values, scales), nan=math.inf) for values in (found.values, first)]
+    squares = [float(np.einsum("n,n->", left, left)) for left in lefts]
+    return found.values if squares[0] <= squares[1] else first
 
 
 def recording_of(misfit: Any) -> Recording:

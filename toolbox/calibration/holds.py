@@ -52,11 +52,21 @@ def evidence(found: Fit, held: Any) -> float:
     return likelihood(left[:, 0], left[:, 1], blocks, found.values.size)
 
 
-def fitted_evidence(found: Fit, held: Fit) -> float:
-    """Return by how much the log-likelihood of a fit with inputs held is greater than that of one with straight lines."""
+def fitted_evidence(found: Fit, other: Any, values: np.ndarray) -> float:
+    """Return by how much the log-likelihood of another misfit at its numbers is greater than that of a fit.
+
+    Parameters
+    ----------
+    found
+        The fit, as with straight lines or a simpler law.
+    other
+        The other misfit, as with inputs held or a richer law.
+    values
+        Its numbers.
+    """
     rows, blocks = [], [size for each in found.residuals for size in found.misfit.blocks(each.signal)]
-    for fit in (found, held):
-        model, measured = fit.misfit.model(fit.values), fit.misfit.measured
+    for misfit, numbers in ((found.misfit, found.values), (other, values)):
+        model, measured = misfit.model(numbers), misfit.measured
         rows.append(np.concatenate([(model[each.signal] - measured[each.signal]) / (each.rms or 1.0) for each in found.residuals]))
     return likelihood(rows[0], rows[1], blocks, found.values.size)
 

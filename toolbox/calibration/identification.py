@@ -21,12 +21,13 @@ from typing import Any
 import numpy as np
 
 from toolbox.calibration.channels import TIMES, heading_for, source_of
+from toolbox.calibration.force_noise import force_noise
 from toolbox.calibration.holds import EVIDENCE, fitted_evidence
 from toolbox.calibration.identified import Identification, drag_unit, fitted_part, friction_over_speed, with_derived
 from toolbox.calibration.motion import Curve, Guess, Run, first_guess, friction_points, is_one_speed, runs_of, stribeck_guess, together
 from toolbox.calibration.recording import Recording, read_channels
 from toolbox.calibration.results import Fit
-from toolbox.calibration.told_fit import EXPERIMENTS, holds_nothing, told_fit
+from toolbox.calibration.told_fit import EXPERIMENTS, hardly_told, holds_nothing, told_fit
 from toolbox.calibration.windows import MeasuredContact, Search, Window, own_name
 from toolbox.errors import SceneError, SimulationError, joined
 from toolbox.logs.grids import Column
@@ -221,6 +222,10 @@ class _Work:
         """Friction in the data."""
         raise NotImplementedError
 
+    def force_noise(self, found: Fit) -> list[str]:
+        """Return what a report says of the noise of the force."""
+        return []
+
     def guess(self, free: bool, offset: bool, directions: bool) -> Guess:
         """Return numbers at which a search begins: whether the mass, a constant force, and friction each way are looked for."""
         raise NotImplementedError
@@ -231,7 +236,11 @@ class _Work:
 
     def evidence(self, simple: Fit, rich: Fit) -> float:
         """By how much the log-likelihood of the richer law is greater."""
-        return fitted_evidence(simple, rich)
+        return fitted_evidence(simple, rich.misfit, rich.values)
+
+    def _is_better(self, simple: Fit, rich: Fit) -> bool:
+        """Whether the data need the richer law."""
+        return self.evidence(simple, rich) > EVIDENCE + (rich.values.size - simple.values.size)
 
     def simplest(self, friction: Any, directions: bool, fixed: Sequence[str], confidence: float) -> Identification:
         """The simplest law that the data do not contradict, with its curve."""
@@ -307,21 +316,37 @@ class _Work:
             untold |= dict.fromkeys(
                 alike, f"all motion is at one speed, so all friction is dry here. To tell it, {EXPERIMENTS['viscous']}."
             )
-        found = None
+        rich = None
         if curve is not None and curve.gain > CLEAR:
             with contextlib.suppress(SceneError, SimulationError):
-                found = self._searched({STRIBECK: lambda simple: curved(simple)[:1]}, body, fixed, confidence)
-        if found is None or (not self.body_lost and _hardly_told(found[0])):
+                rich = self._searched({STRIBECK: lambda simple: curved(simple)[:1]}, body, fixed, confidence)
+        if rich is None:
             found = self._searched(laws, body, fixed, confidence)
+        elif self.body_lost or not _hardly_told(rich[0]):
+            found = rich
+        else:
+            found = self._searched({name: law for name, law in laws.items() if name != STRIBECK}, body, fixed, confidence)
+            if self._is_better(found[0], rich[0]):
+                found, self.body_lost = rich, False
+            elif not (self.body_lost or found[0].white):
+                found = self._searched({STRIBECK: old}, body, fixed, confidence, found)
         if self.body_lost and body not in fixed:
             return self.simplest(friction, directions, given, confidence)
         return self._result(found[0], {**untold, **found[1]})
 
     def _searched(
-        self, laws: Mapping[str, Callable[[Fit | None], list[Any]]], body: str, fixed: Sequence[str], confidence: float
+        self,
+        laws: Mapping[str, Callable[[Fit | None], list[Any]]],
+        body: str,
+        fixed: Sequence[str],
+        confidence: float,
+        simplest: tuple[Fit | None, dict[str, str]] = (None, {}),
     ) -> tuple[Fit, dict[str, str]]:
-        """The fit of the first law that a richer one is not clearly better than, and why numbers are not told. laws: {name: parts at which a search begins}."""
-        best, untold, began = None, dict[str, str](), perf_counter()
+        """The fit of the first law that a richer one is not clearly better than, and why numbers are not told.
+
+        laws: {name: parts at which a search begins};  simplest: the fit of a simpler law, and why numbers are not told there.
+        """
+        (best, untold), began = simplest, perf_counter()
         with progress_bar(len(laws), "identify", unit="law") as bar:
             for name, beginnings in laws.items():
                 bar.set_postfix_str(name)
@@ -340,7 +365,7 @@ class _Work:
                     if body in found.names and holds_nothing(found, body):
                         self.body_lost = True
                         return found, own
-                    if best is None or self.evidence(best, found) > EVIDENCE + (found.values.size - best.values.size):
+                    if best is None or self._is_better(best, found):
                         best, untold = found, own
                         break
                 if best is not None and best.white:
@@ -369,10 +394,15 @@ class _Work:
             untold[f"{found.indistinguishable_friction}static"] = (
                 f"it is not told from the kinetic friction. To tell it, {EXPERIMENTS['static']}."
             )
+        for name, why in hardly_told(found, f"{self.part.signal_prefix}.{self.part.body_field}").items():
+            untold.setdefault(name, why)
         own = {each.name: getattr(found, each.name) for each in dataclasses.fields(Fit)}
         points = self.points(found)
         own["units"] = tuple(self._unit(name, unit) for name, unit in zip(found.names, found.units, strict=True))
-        return Identification(**own, untold=untold, points=points, curve=friction_over_speed(found, points), curve_units=self.part.units)
+        curve = friction_over_speed(found, points)
+        return Identification(
+            **own, untold=untold, points=points, curve=curve, curve_units=self.part.units, force_noise=tuple(self.force_noise(found))
+        )
 
     def _unit(self, name: str, unit: str) -> str:
         """The unit of a number of the part: its friction law is a force, and no coefficient of a load."""
@@ -523,6 +553,9 @@ class _Moving(_Work):
         return (
             found if near is None or not (near.held or near.stepped) else dataclasses.replace(found, held=near.held, stepped=near.stepped)
         )
+
+    def force_noise(self, found: Fit) -> list[str]:
+        return force_noise(found, f"{self.part.signal_prefix}.{self.part.force_name}", self.part.units[1])
 
     def _rests(self, values: Mapping[str, float]) -> bool:
         """Whether no measured force would move the body as it moved, both ways or one: a search finds no slope that leads back from there."""

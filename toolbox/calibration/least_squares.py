@@ -25,9 +25,9 @@ SINGULAR = 1e-6
 MUTE = 1e-9
 """Change of the residuals, in parts of the signals, below which a number has no influence: for a change by its own size."""
 
-NOTHING = 1e-100
-"""Slope of the residuals, in parts of the noise and for a change of a number by its own size, that is no slope: the search scales a number by it, and what it
-divides by the square of less overflows."""
+NOTHING = 1e-60
+"""Slope of the residuals, in parts of the noise and for a change of a number by its own size, that is no slope: the search scales a number by it, and the
+fourth power of less overflows."""
 
 FEW = 0.05
 """Part of a signal, at most, that may break its law: where more does, the law is wrong, and all samples count."""
@@ -54,6 +54,24 @@ DRAWS = 10
 def _product(tall: np.ndarray, ways: np.ndarray) -> np.ndarray:
     """tall @ ways, without the threads of @, which wait for each other for longer than so thin a product takes."""
     return np.einsum("ni,ij->nj", tall, ways)
+
+
+def _inverse(jacobian: np.ndarray) -> np.ndarray:
+    """(J^T J)^-1, its columns scaled to length one before. Raises LinAlgError if J^T J is singular."""
+    lengths = np.sqrt(np.einsum("ni,ni->i", jacobian, jacobian))
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    scaled = jacobian / lengths
+    found: np.ndarray = np.linalg.inv(np.einsum("ni,nj->ij", scaled, scaled)) / np.outer(lengths, lengths)
+    return found
+
+
+def _tolerances(roughly: bool) -> dict[str, Any]:
+    """Where a search ends: of a thousandth of a standard error, or where few digits will do."""
+    return (
+        {"xtol": 1e-4, "ftol": 1e-4, "gtol": 1e-12, "max_nfev": 30}
+        if roughly
+        else {"xtol": 1e-10, "ftol": 1e-10, "gtol": 1e-12, "max_nfev": 100}
+    )
 
 
 def _alike(one: np.ndarray, two: np.ndarray) -> bool:
@@ -99,22 +117,17 @@ class LeastSquares:
 
     def fit(self) -> Fit:
         misfit = self.misfit
-        self.repeats = {} if misfit.by_samples else {name: _repeats(misfit.measured[name], misfit.blocks(name)) for name in misfit.outputs}
+        self.repeats = self._repeats_of_samples()
         self.shares = self.repeats
-        sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
+        sizes = self._sizes()
         scales = self._given_noise(sizes)
         trial = misfit.trial()
         found = self._from_all_starts(trial, scales)
         best = min(found, key=lambda each: each.cost)
-        several = self.noise is None and sum(len(misfit.blocks(name)) for name in misfit.outputs) > 1
-        values = best.x if trial is misfit else self._descend(best.x, scales, [misfit], roughly=several).x
-        if several:  # the weight of one alone changes nothing
-            for _ in range(BALANCES):
-                before = self.shares
-                scales = self._balanced(values, sizes)
-                if before is not self.repeats and all(np.allclose(self.shares[name], before[name], rtol=SAME) for name in before):
-                    break
-                values = self._descend(values, scales, [misfit]).x
+        values = best.x if trial is misfit else self._descend(best.x, scales, [misfit], roughly=self._has_several_scales()).x
+        if self._has_several_scales():
+            values, scales = self._rebalanced(values, scales, sizes)
+            values = self._descend(values, scales, [misfit]).x
         values, scales = self._without_strays(values, scales, sizes)
         size = self._size(values)
         jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
@@ -133,6 +146,39 @@ class LeastSquares:
         agreement = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found)), len(found)
         return self._result(values, scales, rest, equal, (jacobian, left), agreement)
 
+    def near(self) -> np.ndarray:
+        """Numbers near the optimum, with few digits, by one search from the first numbers."""
+        misfit = self.misfit
+        self.repeats = self._repeats_of_samples()
+        self.shares = self.repeats
+        sizes = self._sizes()
+        scales = self._given_noise(sizes)
+        values: np.ndarray = self._descend(self.first, scales, [misfit], roughly=True).x
+        return self._rebalanced(values, scales, sizes)[0] if self._has_several_scales() else values
+
+    def _sizes(self) -> dict[str, float]:
+        """Standard deviation of each signal, 1 of one that is constant."""
+        return {name: float(np.std(values)) or 1.0 for name, values in self.misfit.measured.items()}
+
+    def _repeats_of_samples(self) -> dict[str, np.ndarray]:
+        """Weights of samples that repeat each other, of a fit by simulation."""
+        misfit = self.misfit
+        return {} if misfit.by_samples else {name: _repeats(misfit.measured[name], misfit.blocks(name)) for name in misfit.outputs}
+
+    def _has_several_scales(self) -> bool:
+        """Whether signals or recordings have weights of their own by their residuals; that of one alone changes nothing."""
+        return self.noise is None and sum(len(self.misfit.blocks(name)) for name in self.misfit.outputs) > 1
+
+    def _rebalanced(self, values: np.ndarray, scales: dict[str, float], sizes: Mapping[str, float]) -> tuple[np.ndarray, dict[str, float]]:
+        """Numbers, with few digits, where the weights are those of their residuals; and the scales there."""
+        for _ in range(BALANCES):
+            before = self.shares
+            scales = self._balanced(values, sizes)
+            if before is not self.repeats and all(np.allclose(self.shares[name], before[name], rtol=SAME) for name in before):
+                break
+            values = self._descend(values, scales, [self.misfit], roughly=True).x
+        return values, scales
+
     def _result(
         self,
         values: np.ndarray,
@@ -146,7 +192,7 @@ class LeastSquares:
         from scipy.special import stdtrit
 
         misfit, size, ways, (jacobian, left) = self.misfit, self._size(values), rest.directions, end
-        sizes = {name: float(np.std(each)) or 1.0 for name, each in misfit.measured.items()}
+        sizes = self._sizes()
         weights = np.concatenate([np.full(left[name].size, scales[name] / sizes[name]) for name in left])
         per_part = _product(jacobian * weights[:, None], size[:, None] * ways)
         heard = np.sqrt((per_part**2).mean(axis=0)) >= MUTE
@@ -165,10 +211,11 @@ class LeastSquares:
             for name, own in self._all_weights().items()
         ]
         weighed = self._weighed(left, scales)
-        inverse = np.linalg.inv(np.einsum("ni,nj->ij", jacobian, jacobian))
+        inverse = _inverse(jacobian)
         middle = self._middle(jacobian, weighed, scales, n / (n - k))
         covariance = ways @ inverse @ middle @ inverse @ ways.T
-        covariance[mute, mute] = math.inf
+        variances = np.diag(covariance)
+        np.fill_diagonal(covariance, np.where(mute | ~(variances >= 0.0), math.inf, variances))
         factor = float(stdtrit(n - k, 0.5 + self.confidence / 2))
         span = np.where(np.isfinite(self.high - self.low), self.high - self.low, self._size(values))
         edge = np.minimum(values - self.low, self.high - values) < 1e-6 * span
@@ -219,7 +266,7 @@ class LeastSquares:
             if all(_alike(weights[name], each) for name, each in self._all_weights().items()):
                 break
             self.weights = weights
-            if self.noise is None and sum(len(self.misfit.blocks(name)) for name in left) > 1:
+            if self._has_several_scales():
                 scales = self._balanced(values, sizes)
             values = self._descend(values, scales, [self.misfit]).x
         return values, scales
@@ -295,14 +342,12 @@ class LeastSquares:
             pair = np.array([(each == f"{law}static") * 1.0 - (each == f"{law}kinetic") for each in self.names])
             told = (jacobian != 0.0).any(axis=0)  # the start of a run at rest has no influence
             with contextlib.suppress(np.linalg.LinAlgError):
-                variance = square * float(
-                    pair[told] @ np.linalg.inv(np.einsum("ni,nj->ij", jacobian[:, told], jacobian[:, told])) @ pair[told]
-                )
+                variance = square * float(pair[told] @ _inverse(jacobian[:, told]) @ pair[told])
                 if told[pair != 0.0].all() and 0.0 < CLEAR * variance < float(pair @ values) ** 2:
                     continue
             mute = not (jacobian[:, self.names.index(f"{law}static")] != 0.0).any()
             try:
-                one, rest = self._as_one(values, law, scales, values[self.names.index(f"{law}kinetic")] if mute else None)
+                one, rest = self._as_one(values, law, scales, values[self.names.index(f"{law}kinetic")] if mute else None, roughly=True)
             except (SceneError, SimulationError):
                 continue
             squares = [float((self._weighed(self._left(each), scales) ** 2).sum()) for each in (values, one)]
@@ -329,8 +374,13 @@ class LeastSquares:
         ratio = (squares[1] - squares[0]) * (n - 2) / squares[0] if n > 2 and squares[0] > 0.0 else math.inf
         return law if fisher.sf(ratio, 1, n - 2) > 0.05 else ""
 
-    def _as_one(self, values: np.ndarray, law: str, scales: Mapping[str, float], first: float | None = None) -> tuple[np.ndarray, Resting]:
-        """The optimum with static friction equal to kinetic, and how the numbers move there; first: where it is searched from, their mean by default."""
+    def _as_one(
+        self, values: np.ndarray, law: str, scales: Mapping[str, float], first: float | None = None, roughly: bool = False
+    ) -> tuple[np.ndarray, Resting]:
+        """The optimum with static friction equal to kinetic, and how the numbers move there.
+
+        first: where it is searched from, their mean by default;  roughly: whether few digits will do.
+        """
         pair = tuple(self.names.index(f"{law}{word}") for word in ("static", "kinetic"))
         level = values.copy()
         level[list(pair)] = np.clip(
@@ -339,10 +389,10 @@ class LeastSquares:
         rest = Resting({}, level, pair)
         ways = rest.directions
         heard = np.asarray((self._weighed(self.misfit.slopes(level, self._size(level)), scales) @ ways != 0).any(axis=0))
-        return self._along(level, ways[:, heard], scales), rest
+        return self._along(level, ways[:, heard], scales, roughly), rest
 
-    def _along(self, values: np.ndarray, ways: np.ndarray, scales: Mapping[str, float]) -> np.ndarray:
-        """Where least squares end in these directions, in which numbers that rest on each other move as one."""
+    def _along(self, values: np.ndarray, ways: np.ndarray, scales: Mapping[str, float], roughly: bool = False) -> np.ndarray:
+        """Where least squares end in these directions, in which numbers that rest on each other move as one; roughly: whether few digits will do."""
         from scipy.optimize import least_squares
 
         size = self._size(values)
@@ -355,7 +405,7 @@ class LeastSquares:
 
         found = least_squares(
             lambda z: self._heard(residuals(self.misfit, values + ways @ (z * length), scales)), np.zeros(ways.shape[1]), slopes,
-            bounds=(np.minimum(low, -1e-15), np.maximum(high, 1e-15)), xtol=1e-10, ftol=1e-12, gtol=1e-12, max_nfev=100,
+            bounds=(np.minimum(low, -1e-15), np.maximum(high, 1e-15)), **_tolerances(roughly),
         )  # fmt: skip
         moved: np.ndarray = values + ways @ (found.x * length)
         return moved
@@ -452,10 +502,7 @@ class LeastSquares:
             given: dict[str, Any] = {"fun": left, "jac": slopes, "x0": np.clip(back @ values, low, high) / size}
             given |= {
                 "x_scale": "jac",
-                "xtol": 1e-10 if whole else 1e-4,
-                "ftol": 1e-10 if whole else 1e-4,
-                "gtol": 1e-12,
-                "max_nfev": 100 if whole else 30,
+                **_tolerances(not whole),
             }
             found: Any = self._unbounded(given, size) if misfit.by_samples else None
             found = found or least_squares(**given, bounds=(low / size, high / size))

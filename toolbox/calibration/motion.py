@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.calibration.recording import Recording
+from toolbox.calibration.trust import scatter
 from toolbox.errors import SceneError
 
 SMOOTH = 0.01
@@ -145,8 +146,7 @@ def _noise(values: np.ndarray) -> float:
     """Deviation of the noise of samples, by what two neighbours do not say of a sample, and by their smallest step."""
     changes = np.abs(np.diff(values))
     step = float(changes[changes > 0.0].min(initial=math.inf))
-    scatter = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
-    return max(scatter, step / math.sqrt(12.0) if math.isfinite(step) else 0.0, DIGITS * float(np.abs(values).max()))
+    return max(scatter(values), step / math.sqrt(12.0) if math.isfinite(step) else 0.0, DIGITS * float(np.abs(values).max()))
 
 
 def runs_of(recording: Recording, part: Any) -> list[Run]:
@@ -289,12 +289,10 @@ def first_guess(runs: Sequence[Run], body: float, *, free: bool, seen: bool, off
     return Guess(mass, max(level, 0.02 * size), slope, constant, 0.1 * top, told, most, one_speed)
 
 
-def stribeck_guess(
-    runs: Sequence[Run], about: Guess, *, free: bool, offset: bool, directions: bool
-) -> tuple[Guess, list[tuple[float, float, float]]]:
+def stribeck_guess(runs: Sequence[Run], about: Guess, *, free: bool, offset: bool, directions: bool) -> Curve | None:
     """Return numbers at which the search of a Stribeck curve begins, by the regression of `first_guess` with its curve at many Stribeck speeds.
 
-    The speed is smoothed less than for `first_guess`, because a Stribeck curve is short.
+    None if nothing moves. The speed is smoothed less than for `first_guess`, because a Stribeck curve is short.
     """
     top = max(float(np.abs(run.speed).max()) for run in runs)
     stretches = []

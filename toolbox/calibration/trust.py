@@ -110,6 +110,11 @@ def portmanteau(left: np.ndarray) -> tuple[float, float]:
     return float(chdtrc(lags, total)), correlations[0]
 
 
+def scatter(samples: np.ndarray) -> float:
+    """Deviation of the noise of samples, by the part of each sample that its two neighbours do not tell."""
+    return 1.4826 * float(np.median(np.abs(np.diff(samples, 2)))) / math.sqrt(6.0)
+
+
 def is_white(left: np.ndarray) -> bool:
     """Whether residuals have no structure, at the significance level 0.05."""
     return portmanteau(left)[0] >= 0.05

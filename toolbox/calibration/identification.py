@@ -197,6 +197,7 @@ class _Work:
     def __init__(self, part: Any):
         self.part = part
         self.body_lost = False  # whether a fit showed that the data do not tell the mass
+        self.retries = True  # whether more searches follow one that lost its way; none where a richer law is found already
 
     def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None, search: Search) -> Fit:
         """The fit of a part with all numbers free that are not fixed; `untold` gets a sentence for each that the data do not tell.
@@ -325,7 +326,9 @@ class _Work:
         elif self.body_lost or not _hardly_told(rich[0]):
             found = rich
         else:
+            self.retries = False
             found = self._searched({name: law for name, law in laws.items() if name != STRIBECK}, body, fixed, confidence)
+            self.retries = True
             if self._is_better(found[0], rich[0]):
                 found, self.body_lost = rich, False
             elif not (self.body_lost or found[0].white):
@@ -544,7 +547,7 @@ class _Moving(_Work):
             recording,
             [*free, *starts, *self.shifts],
             untold,
-            self._rests,
+            self._rests if self.retries else lambda _: False,
             window=windows,
             starts=search,
             confidence=confidence,

@@ -27,7 +27,7 @@ from toolbox.calibration.locating import located
 from toolbox.calibration.measured_loop import MeasuredLoop
 from toolbox.calibration.memory_loop import MemoryLoop
 from toolbox.calibration.recording import Recording, jumps
-from toolbox.calibration.residuals import Simulated, residuals
+from toolbox.calibration.residuals import Simulated
 from toolbox.calibration.results import Fit
 from toolbox.calibration.shifts import shift_number, shifts_of
 from toolbox.calibration.windows import MeasuredContact, Search, Together, Window, shared, windows_of
@@ -193,9 +193,10 @@ def fit(
     if not chosen and undecided and search.fits_held and max(each.correlation for each in found.residuals) > STRUCTURED:
         for drawing in drawings[:1] + drawings[len(drawn) :]:
             tried = misfit_of(drawing)
-            tied = squares(*tried, nearer(tried[0], found, np.array([number.value for number in tried[0].numbers])), 1).near()
-            if (gain := fitted_evidence(found, tried[0], tied)) > best:
-                best, other, chosen, first = gain, tried, drawing.held or drawing.stepped, tied
+            for begin, starts in ((found.values, 1), (np.array([number.value for number in tried[0].numbers]), search.starts)):
+                tied = squares(*tried, begin, starts).near()
+                if (gain := fitted_evidence(found, tried[0], tied)) > best:
+                    best, other, chosen, first = gain, tried, drawing.held or drawing.stepped, tied
     known = {name: dict.fromkeys(getattr(recording, name) or (), math.inf) for name in ("held", "stepped")} if on is None else {}
     if chosen:
         again = searched(*other, first, 1)  # the search from other starts is done
@@ -204,14 +205,6 @@ def fit(
     found = dataclasses.replace(found, held=known.get("held", {}), stepped=known.get("stepped", {}))
     typed = [in_si(ranges[name], unit, name) for name, unit in zip(found.names, found.units, strict=True) if name in ranges]
     return dataclasses.replace(found, display_units={**loop.display_units, **asked_units(typed)})
-
-
-def nearer(misfit: Any, found: Fit, first: np.ndarray) -> np.ndarray:
-    """The numbers of a fit with inputs drawn otherwise, or those at which it began, whichever are nearer to the data of a misfit."""
-    scales = {each.signal: each.rms or 1.0 for each in found.residuals}
-    lefts = [np.nan_to_num(residuals(misfit, values, scales), nan=math.inf) for values in (found.values, first)]
-    squares = [float(np.einsum("n,n->", left, left)) for left in lefts]
-    return found.values if squares[0] <= squares[1] else first
 
 
 def recording_of(misfit: Any) -> Recording:

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.calibration.beginnings import body_of, is_hardly_told, levels_of
 from toolbox.calibration.channels import TIMES, heading_for, source_of
 from toolbox.calibration.force_noise import force_noise
 from toolbox.calibration.holds import EVIDENCE, fitted_evidence
@@ -40,9 +41,6 @@ from toolbox.vocabulary import new_names_only
 
 EVERY_KIND = ("clipped", "drop-out", "reversed", "outlier")
 """Flaws of samples over time, which steady points have not."""
-
-NOTHING = 0.1
-"""Part of the first guess of friction, at least, at which the search for a richer law begins: none begins at a bound."""
 
 STRIBECK = "a Stribeck curve"
 """Name of the richest law."""
@@ -279,8 +277,8 @@ class _Work:
             return lambda simple: [
                 dataclasses.replace(
                     part,
-                    friction=each_way([viscous(dry(level), slope) for level, slope in _levels(simple, about)]),
-                    **_body_of(part, simple),
+                    friction=each_way([viscous(dry(level), slope) for level, slope in levels_of(simple, about)]),
+                    **body_of(part, simple),
                 )
             ]
 
@@ -323,16 +321,16 @@ class _Work:
                 rich = self._searched({STRIBECK: lambda simple: curved(simple)[:1]}, body, fixed, confidence)
         if rich is None:
             found = self._searched(laws, body, fixed, confidence)
-        elif self.body_lost or not _hardly_told(rich[0]):
+        elif self.body_lost or not is_hardly_told(rich[0]):
             found = rich
         else:
             self.retries = False
             found = self._searched({name: law for name, law in laws.items() if name != STRIBECK}, body, fixed, confidence)
             self.retries = True
-            if self._is_better(found[0], rich[0]):
-                found, self.body_lost = rich, False
-            elif not (self.body_lost or found[0].white):
-                found = self._searched({STRIBECK: old}, body, fixed, confidence, found)
+            levels, self.body_lost = old(found[0]), self.body_lost and not self._is_better(found[0], rich[0])
+            if not (self.body_lost or found[0].white):  # another begin, which may lead to a better Stribeck curve
+                best = rich if self._is_better(found[0], rich[0]) else found
+                found = self._searched({STRIBECK: lambda _: levels}, body, fixed, confidence, best)
         if self.body_lost and body not in fixed:
             return self.simplest(friction, directions, given, confidence)
         return self._result(found[0], {**untold, **found[1]})
@@ -570,30 +568,3 @@ class _Moving(_Work):
     def points(self, found: Fit) -> np.ndarray:
         fitted = fitted_part(found)
         return friction_points(self.runs, float(getattr(fitted, fitted.body_field)), float(getattr(fitted, fitted.offset_field)))
-
-
-def _hardly_told(found: Fit) -> bool:
-    """Whether the Stribeck speed or the friction that falls with speed is not told, so that a simpler law may do."""
-    known = [name for name in found.names if name.endswith(".stribeck_speed")]
-    return bool(found.indistinguishable_friction or found.at_bounds or not known or any(holds_nothing(found, name) for name in known))
-
-
-def _levels(near: Fit | None, about: Guess) -> list[tuple[float, float]]:
-    """Dry and viscous friction at which a search begins, each way if the simpler law has them each way."""
-    if near is None:
-        return [(about.level, about.viscous)]
-    found, levels = near.parameters, []
-    for name in found:
-        if name.endswith(".static"):
-            head = name.removesuffix("static")
-            slope = found.get(f"{head.removesuffix('dry.')}viscous", 0.0)
-            level = found.get(f"{head}kinetic", found[name])
-            levels.append((max(level, NOTHING * about.level), max(slope, NOTHING * about.viscous)))
-    return levels or [(about.level, about.viscous)]
-
-
-def _body_of(part: Any, near: Fit | None) -> dict[str, float]:
-    """Mass and constant force of the fit of a simpler law; empty without one."""
-    found = {} if near is None else near.parameters
-    fields = {name: f"{part.signal_prefix}.{name}" for name in (part.body_field, part.offset_field)}
-    return {name: found[full] for name, full in fields.items() if full in found}

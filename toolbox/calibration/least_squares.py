@@ -12,31 +12,21 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import number
+from toolbox.calibration.identifiable import MUTE, condition_of
 from toolbox.calibration.residuals import residuals
 from toolbox.calibration.resting import Resting, resting
 from toolbox.calibration.results import Fit
 from toolbox.calibration.trust import correlated, deviation, is_white, memory, residual_of, sampling_error, step_of
-from toolbox.errors import SceneError, SimulationError, Unidentifiable
+from toolbox.calibration.weights import alike, repeats_of, rows_of, trusted
+from toolbox.errors import SceneError, SimulationError
 from toolbox.messages import progress_bar
-
-SINGULAR = 1e-6
-"""Ratio of singular values, columns of the Jacobian scaled to length one, below which numbers cannot be told apart."""
-
-MUTE = 1e-9
-"""Change of the residuals, in parts of the signals, below which a number has no influence: for a change by its own size."""
 
 NOTHING = 1e-60
 """Slope of the residuals, in parts of the noise and for a change of a number by its own size, that is no slope: the search scales a number by it, and the
 fourth power of less overflows."""
 
-FEW = 0.05
-"""Part of a signal, at most, that may break its law: where more does, the law is wrong, and all samples count."""
-
 ROUNDS = 10
 """Fits, at most, after each of which other samples are left out, or weigh otherwise."""
-
-MOST = 3.0
-"""Weight, at most, of a sample that is known in another way than by measuring it: it is told by ten samples or so."""
 
 CLEAR = 1e3
 """F-value by the slopes from which on static and kinetic friction are told apart without a fit that takes them for one."""
@@ -74,27 +64,6 @@ def _tolerances(roughly: bool) -> dict[str, Any]:
     )
 
 
-def _alike(one: np.ndarray, two: np.ndarray) -> bool:
-    """Whether weights of samples leave out the same ones and are the same but for a hundredth."""
-    return np.array_equal(one == 0.0, two == 0.0) and bool(np.all(np.abs(one - two) <= 0.01 * two))
-
-
-def _rows(sizes: Sequence[int]) -> list[slice]:
-    """Places of the samples of each recording among those of a signal."""
-    ends = np.cumsum([0, *sizes]).tolist()
-    return [slice(*pair) for pair in itertools.pairwise(ends)]
-
-
-def _repeats(measured: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
-    """Weights of samples, of which n in a row that are equal count as one: the error of an encoder at rest stays the same."""
-    weights = np.ones(measured.size)
-    for rows in _rows(sizes):
-        edges = np.flatnonzero(np.diff(measured[rows], prepend=np.nan, append=np.nan))
-        lengths = np.diff(edges)
-        weights[rows] = np.repeat(1.0 / np.sqrt(lengths), lengths)
-    return weights
-
-
 @dataclass
 class LeastSquares:
     """Least squares from several starts, and what the Jacobian at the end says."""
@@ -117,16 +86,9 @@ class LeastSquares:
 
     def fit(self) -> Fit:
         misfit = self.misfit
-        self.repeats = self._repeats_of_samples()
-        self.shares = self.repeats
         sizes = self._sizes()
-        scales = self._given_noise(sizes)
-        trial = misfit.trial()
-        found = self._from_all_starts(trial, scales)
-        best = min(found, key=lambda each: each.cost)
-        values = best.x if trial is misfit else self._descend(best.x, scales, [misfit], roughly=self._has_several_scales()).x
+        values, scales, agreement = self._approached(roughly=self._has_several_scales())
         if self._has_several_scales():
-            values, scales = self._rebalanced(values, scales, sizes)
             values = self._descend(values, scales, [misfit]).x
         values, scales = self._without_strays(values, scales, sizes)
         size = self._size(values)
@@ -143,18 +105,26 @@ class LeastSquares:
             values = self._along(rest.values, rest.directions, scales) if rest.together else rest.values
         if equal or rest.why:
             jacobian, left = self._weighed(misfit.slopes(values, self._size(values)), scales), self._left(values)
-        agreement = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found)), len(found)
         return self._result(values, scales, rest, equal, (jacobian, left), agreement)
 
     def near(self) -> np.ndarray:
-        """Numbers near the optimum, with few digits, by one search from the first numbers."""
+        """Numbers near the optimum, with few digits."""
+        return self._approached(roughly=True)[0]
+
+    def _approached(self, roughly: bool) -> tuple[np.ndarray, dict[str, float], tuple[int, int]]:
+        """(numbers near the optimum, scales there, (searches that ended there, all)); roughly: whether few digits will do."""
         misfit = self.misfit
         self.repeats = self._repeats_of_samples()
         self.shares = self.repeats
-        sizes = self._sizes()
-        scales = self._given_noise(sizes)
-        values: np.ndarray = self._descend(self.first, scales, [misfit], roughly=True).x
-        return self._rebalanced(values, scales, sizes)[0] if self._has_several_scales() else values
+        scales = self._given_noise(self._sizes())
+        trial = misfit.trial()
+        found = self._from_all_starts(trial, scales)
+        best = min(found, key=lambda each: each.cost)
+        agreement = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found)), len(found)
+        values = best.x if trial is misfit else self._descend(best.x, scales, [misfit], roughly=roughly).x
+        if self._has_several_scales():
+            values, scales = self._rebalanced(values, scales, self._sizes())
+        return values, scales, agreement
 
     def _sizes(self) -> dict[str, float]:
         """Standard deviation of each signal, 1 of one that is constant."""
@@ -163,7 +133,7 @@ class LeastSquares:
     def _repeats_of_samples(self) -> dict[str, np.ndarray]:
         """Weights of samples that repeat each other, of a fit by simulation."""
         misfit = self.misfit
-        return {} if misfit.by_samples else {name: _repeats(misfit.measured[name], misfit.blocks(name)) for name in misfit.outputs}
+        return {} if misfit.by_samples else {name: repeats_of(misfit.measured[name], misfit.blocks(name)) for name in misfit.outputs}
 
     def _has_several_scales(self) -> bool:
         """Whether signals or recordings have weights of their own by their residuals; that of one alone changes nothing."""
@@ -200,7 +170,7 @@ class LeastSquares:
             start = np.array([number.is_start for number in misfit.numbers])
             heard |= (ways[~start] != 0.0).any(axis=0)
         labels = [" = ".join(name for name, part in zip(self.names, way, strict=True) if part) for way in ways.T[heard]]
-        condition = self._identifiable(labels, per_part[:, heard], dict(zip(self.names, values.tolist(), strict=True)))
+        condition = condition_of(labels, per_part[:, heard], dict(zip(self.names, values.tolist(), strict=True)))
         ways, mute = ways[:, heard], np.asarray(ways[:, ~heard].any(axis=1))
         jacobian = _product(jacobian, ways)
         n, k = self._samples(), jacobian.shape[1]
@@ -238,7 +208,7 @@ class LeastSquares:
         for name, own in self._all_weights().items():
             repeats = self.repeats.get(name, np.ones(own.size))
             shares = self.shares.get(name, repeats)
-            for rows in _rows(misfit.blocks(name)):
+            for rows in rows_of(misfit.blocks(name)):
                 place = slice(begin, begin := begin + rows.stop - rows.start)
                 good = own[rows] > 0.0
                 if not good.any():
@@ -262,8 +232,8 @@ class LeastSquares:
             return values, scales
         for _ in range(ROUNDS):
             left = self._left(values)
-            weights = {name: self._trust(name, each, sizes[name]) for name, each in left.items()}
-            if all(_alike(weights[name], each) for name, each in self._all_weights().items()):
+            weights = {name: trusted(self.misfit, name, each, sizes[name], self.robust, self.noise) for name, each in left.items()}
+            if all(alike(weights[name], each) for name, each in self._all_weights().items()):
                 break
             self.weights = weights
             if self._has_several_scales():
@@ -280,7 +250,7 @@ class LeastSquares:
         for name, own in self._all_weights().items():
             repeats = self.repeats.get(name, np.ones(own.size))
             parts, least = [], 1e-9 * sizes[name]
-            for rows in _rows(self.misfit.blocks(name)):
+            for rows in rows_of(self.misfit.blocks(name)):
                 good = own[rows] > 0.0
                 rms = max(deviation(left[name][rows][good], repeats[rows][good], self.misfit.measured[name][rows]), least)
                 parts.append(np.full(good.size, rms * (memory(left[name][rows][good]) if self.repeats else 1.0)))
@@ -297,36 +267,6 @@ class LeastSquares:
             float(np.sum(self.repeats[name][own > 0.0] ** 2)) if self.repeats else float(np.count_nonzero(own))
             for name, own in self._all_weights().items()
         )
-
-    def _trust(self, name: str, left: np.ndarray, size: float) -> np.ndarray:
-        """Weights of the samples of a signal: none of those that break the law, and of those whose deviation is known otherwise that of the noise by it.
-
-        These scatter more than they were thought to where their own residuals say so, by the ratio of Birge, with few of them by that of Student.
-        """
-        from scipy.special import ndtri, stdtrit
-
-        given, weights, deviation = self.misfit.deviations(name), np.ones(left.size), 1e-6 * size
-        own = np.isfinite(given)
-        least = deviation
-        for rows in _rows(self.misfit.blocks(name)):
-            deviation = least
-            for group in (~own[rows], own[rows]):
-                if not group.any():
-                    continue
-                away = np.abs(left[rows][group])
-                noise, deviation = deviation, max(1.4826 * float(np.median(away)), deviation)
-                weights[rows][group] = away <= (self.robust or math.inf) * deviation
-            if 1.0 - np.mean(weights[rows] > 0.0) > FEW:
-                weights[rows] = 1.0
-        if own.any():
-            noise = noise if self.noise is None else self.noise[name]
-            known = np.hypot(given[own], max(float(np.median(given[own])), 1e-6 * size)) / math.sqrt(
-                2.0
-            )  # each is itself known to its size only
-            parts, count = (left[own] / known)[weights[own] > 0.0], int(weights[own].sum())
-            scatter = float(parts @ parts) / (count - 1) * float(stdtrit(count - 1, 0.975) / ndtri(0.975)) ** 2 if count > 1 else 1.0
-            weights[own] *= np.minimum(noise / (known * math.sqrt(max(scatter, 1.0))), MOST)
-        return weights
 
     def _equal(self, values: np.ndarray, scales: Mapping[str, float], jacobian: np.ndarray, left: Mapping[str, np.ndarray]) -> str:
         """The law whose static friction the data cannot tell from the kinetic one; none where they can, or only one is free."""
@@ -561,33 +501,3 @@ class LeastSquares:
     def _left(self, values: np.ndarray) -> dict[str, np.ndarray]:
         model = self.misfit.model(values)
         return {name: model[name] - self.misfit.measured[name] for name in self.misfit.outputs}
-
-    def _identifiable(self, names: Sequence[str], per_part: np.ndarray, at: Mapping[str, float]) -> float:
-        """Condition of the scaled Jacobian; raises SceneError where it is singular, and names what is to blame."""
-        if not names:
-            raise Unidentifiable(
-                "Argument `free` must hold numbers that the data depend on, but none of them changes a measured signal at the optimum.",
-                list(self.names), True, at,
-            )  # fmt: skip
-        length = np.sqrt((per_part**2).mean(axis=0))
-        mute = [name for name, size in zip(names, length, strict=True) if size < MUTE]
-        if mute:
-            words = " and ".join(f"`{name}`" for name in mute)
-            raise Unidentifiable(
-                f"Argument `free` must hold numbers that the data depend on, but {words} changes none of the measured signals.",
-                [each for name in mute for each in name.split(" = ")], True, at,
-            )  # fmt: skip
-        square, directions = np.linalg.eigh(np.einsum("ni,nj->ij", per_part, per_part) / (length[:, None] * length * len(per_part)))
-        singular = np.sqrt(np.maximum(square, 0.0))
-        if singular[0] < SINGULAR * singular[-1]:
-            direction = directions[:, 0] / length
-            direction /= np.abs(direction).max()
-            involved = [(name, part) for name, part in zip(names, direction, strict=True) if abs(part) > 0.05]
-            words = " and ".join(f"`{name}`" for name, _ in involved)
-            changes = ", ".join(f"{100 * part:+.3g} % of `{name}`" for name, part in involved)
-            raise Unidentifiable(
-                f"Argument `free` must hold numbers that the data can tell apart, but {words} cannot be: changes in the ratio {changes} "
-                f"leave every residual as it is (singular values {singular[0]:.1e} : {singular[-1]:.1e}). Fix all of them but one.",
-                [each for name, _ in involved for each in name.split(" = ")], False, at,
-            )  # fmt: skip
-        return float(singular[-1] / singular[0])

@@ -395,8 +395,7 @@ class _Work:
             untold[f"{found.indistinguishable_friction}static"] = (
                 f"it is not told from the kinetic friction. To tell it, {EXPERIMENTS['static']}."
             )
-        for name, why in hardly_told(found, f"{self.part.signal_prefix}.{self.part.body_field}").items():
-            untold.setdefault(name, why)
+        untold |= hardly_told(found, f"{self.part.signal_prefix}.{self.part.body_field}") | untold
         own = {each.name: getattr(found, each.name) for each in dataclasses.fields(Fit)}
         points = self.points(found)
         own["units"] = tuple(self._unit(name, unit) for name, unit in zip(found.names, found.units, strict=True))

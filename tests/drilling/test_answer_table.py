@@ -9,9 +9,11 @@ import pytest
 
 from controllers import SoftTorque, StiffPI
 from models import BitRock, wells
+from studies.questions.one_answer import well
 from toolbox import Sampled, SceneError, closed_loop, compose, onset, simulate, worst_case
 from toolbox.commands.command_line import main
 from toolbox.drilling import Answers, answers
+from toolbox.drilling.answer_table import Question
 from toolbox.robustness import TakenOver
 
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20e3}
@@ -51,6 +53,25 @@ def test_the_verdicts_are_those_of_long_runs(loop, found):
     assert own.starts["ramp"].passed == (not sticks(ramp))
     assert own.own_period == pytest.approx(7.3, abs=0.3)
     assert own.starts["connection"].runs == 3 and own.errors.runs == 4
+
+
+def test_a_controller_that_makes_stick_slip_of_its_own_fails_if_the_initial_one_has_none_to_end():
+    """At 13 rad/s the stiff drive is smooth; a soft torque that acts 500 ms late is not, a prompt one is."""
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+    loops = {delay: closed_loop(rig, Sampled(SoftTorque(reference=13.0, **LIMITS), "10 ms", delay=delay)) for delay in ("30 ms", "500 ms")}
+    found = answers(loops, StiffPI(), phases=2, duration=100.0, uncertainty={})
+    prompt, late = (found[delay].starts["takeover"] for delay in loops)
+    assert prompt.passed and str(prompt) == "no stick-slip to end"
+    assert not late.passed and str(late) == "fails, 1 of 1" and late.why.startswith("no stick-slip to end; ")
+    for delay, loop in loops.items():
+        assert worst_case(loop, 100.0, starts=TakenOver(StiffPI(), 2)).survives == found[delay].starts["takeover"].passed
+
+
+def test_a_set_point_at_which_a_start_fails_again_far_above_is_found():
+    """From rest this well holds from 9.0 to 11.4 rad/s, fails from 11.5 to 13.8, and holds above (`python -m studies one_answer`, well 28)."""
+    question = Question(well(28, 0).loop, "top.reference", StiffPI(), 2, 200.0)
+    assert question.counted("step", 10.0).passed and not question.counted("step", 12.0).passed
+    assert question.lowest_from("step", 9.0, 15.0, 0.5) == 14.0
 
 
 @pytest.mark.slow

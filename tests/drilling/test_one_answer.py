@@ -13,7 +13,7 @@ import pytest
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import Sampled, SceneError, closed_loop, compose, onset, severity_map, simulate, worst_case
+from toolbox import Sampled, Scene, SceneError, closed_loop, compose, onset, severity_map, simulate, tune, worst_case
 from toolbox.drilling import answers, schedule, windows
 from toolbox.drilling.groups import machine_groups
 from toolbox.drilling.set_points import Trial
@@ -21,7 +21,7 @@ from toolbox.measuring.judge import SMOOTH
 from toolbox.onsets.coming_to import verdict_on
 from toolbox.onsets.map_loop import SMOOTH as CALM
 from toolbox.onsets.map_loop import STICK_SLIP, STUCK
-from toolbox.probability import basin, chance
+from toolbox.probability import basin, chance, uncertain_onset
 from toolbox.robustness import FromRest, OwnStickSlip, SmoothRunning, TakenOver, smallest_error
 from toolbox.robustness.checks import Checks
 from toolbox.steady_states.steady_loop import smooth_start
@@ -68,6 +68,25 @@ def of_check(tmp_path, loop, start):
     return False
 
 
+def of_onset(loop, at, starts):
+    """Whether a drawn plant, which is the nominal one, is not free of stick-slip at the set-point in the middle of a narrow range."""
+    found = uncertain_onset(loop, "top.reference", (at - 0.4, at + 0.4), DOUBT, draws=1, num_values=3, starts=starts)
+    return bool(found.onset_values["as it is"][0] > at), found
+
+
+def of_tune(loop, starts):
+    """Whether the controller as given fails in a tuning, whose objective is the verdict; None if there is no run."""
+    scene = Scene.of(loop.plant, LONG, {"asked": loop.controllers[0]}, after=0.7 * LONG)
+    name = next(each for each in ("softtorque.detuning", "pi.proportional") if each in loop.variable_numbers())
+    value = loop.number(name).value
+    found = tune(scene, "asked", still_fails, {name: (value, 1.001 * value)}, starts=starts, runs=10)
+    return None if found.before.failed else found.before.values[0][0] > 0.0, found
+
+
+def still_fails(run):
+    return float(verdict_on(run, "bit", "bit.speed", 0.7 * LONG)[0].failed)
+
+
 def of_schedule(loop, starts):
     """The verdict of a schedule whose plant is the same at both depths."""
     found = schedule(lambda _: loop.plant, [1000.0, 2000.0], loop.controllers[0], LONG, starts=starts)
@@ -103,6 +122,8 @@ def from_smooth_running(name, tmp_path):
     yield "chance", likely, drawn
     yield "checks", of_check(tmp_path, loop, start), None
     yield "schedule", *of_schedule(loop, None)
+    yield "uncertain_onset", *of_onset(loop, at, SmoothRunning())
+    yield "tune", *of_tune(loop, SmoothRunning())
     middle = list(branches(name).values).index(at)
     yield "onset", branches(name).smooth[middle].regime != SMOOTH, branches(name)
     yield "severity_map", bool(mapped(name).smooth.verdict[1, 1] != CALM), mapped(name)
@@ -123,6 +144,8 @@ def from_rest(name, tmp_path):
     yield "worst_case", not worst.survives, worst
     yield "chance", likely, drawn
     yield "chance from rest", *of_chance(loop, at, FromRest())
+    yield "uncertain_onset", *of_onset(loop, at, FromRest())
+    yield "tune", *of_tune(loop, FromRest())
     yield "answers", not found[name].starts["step"].passed, found
     yield "checks", of_check(tmp_path, loop, {}), None
 
@@ -135,6 +158,8 @@ def taken_over(name, tmp_path):
     yield "answers", not found[name].starts["takeover"].passed, found
     yield "schedule", *of_schedule(loop, TAKEN)
     yield "chance", *of_chance(loop, at, TakenOver(StiffPI(), 1))
+    yield "uncertain_onset", *of_onset(loop, at, TakenOver(StiffPI(), 1))
+    yield "tune", *of_tune(loop, TAKEN)
     if loop.is_sampled:
         nominal = machine_groups(loop, 0.0)["nominal"]
         yield "lowest_set_point", not Trial(loop, StiffPI()).outcome(nominal, at).passed, None
@@ -147,6 +172,9 @@ def from_own_stick_slip(name, tmp_path):
     middle = list(branches(name).values).index(at)
     yield "worst_case", bool(own.outcomes) and not own.survives, own
     yield "answers", not math.isnan(found[name].own_period), found
+    yield "uncertain_onset", *of_onset(loop, at, OwnStickSlip(1))
+    tuned, trials = of_tune(loop, OwnStickSlip(1))
+    yield "tune", bool(tuned), trials
     yield "onset", bool(branches(name).cycling[middle]), branches(name)
     yield "severity_map", bool(mapped(name).sticking.verdict[1, 1] in (STICK_SLIP, STUCK)), mapped(name)
     ranges = {"top.reference": (at - 0.4, at + 0.4), "bit.weight": (0.98 * WEIGHT, 1.02 * WEIGHT)}

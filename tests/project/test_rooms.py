@@ -28,7 +28,13 @@ COMPILED_LOOPS = {
     "event_stepper.advance", "time_stepper._advance", "lanes/loop._run",
 }  # fmt: skip
 """Event loops in machine code, as file.name: a call of them, and every argument of it, is paid for at each step."""
-MORE_ARGUMENTS = {"tabulated_string.from_tables": 18, "fit.fit": 11, "onset.onset": 12}
+MORE_ARGUMENTS = {
+    "tabulated_string.from_tables": 18,
+    "fit.fit": 11,
+    "onset.onset": 12,
+    "tune.tune": 11,
+    "drawn_borders.uncertain_onset": 11,
+}
 """Functions, as file.name, that take what their users need to say, and how many arguments at most."""
 
 

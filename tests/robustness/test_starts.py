@@ -50,6 +50,16 @@ def test_a_controller_that_takes_over_begins_with_the_torque_that_acts(stick_sli
         )  # which it would be without angle
 
 
+@pytest.mark.parametrize("torque", [-3000.0, 500.0, 9000.0, 26_000.0])
+def test_a_continuous_controller_with_limits_takes_over_as_a_sampled_one_does(torque):
+    """The angle is (torque - proportional error) / integral within its limits, beyond them, and if no small angle brings the command within them."""
+    start = {"chain.twist": [20.0], "chain.speed": [2.0, 0.0], "top.torque": torque}
+    loop = loop_of(PI(proportional=9000.0, **LIMITS), 7.9, sampled=False)
+    given = taken_over(loop, start)
+    assert given["pi.angle"] == pytest.approx((torque - 9000.0 * 5.9) / 1500.0, rel=1e-6)
+    assert simulate(loop.replace(start=given), 1e-9).at(0.0)["top.torque"] == pytest.approx(min(max(torque, 0.0), 20_000.0), rel=1e-6)
+
+
 def test_a_takeover_ends_the_stick_slip_that_a_jump_to_no_torque_would_keep(stick_slip):
     loop = loop_of(SoftTorque(**LIMITS), 7.9)
     bumpless = worst_case(loop, 200.0, starts=TakenOver(StiffPI(), 8))
@@ -157,3 +167,26 @@ def test_given_values_are_a_start_as_well():
 def test_the_argument_that_a_start_replaced_is_refused_with_its_name_now():
     with pytest.raises(SceneError, match="`initial_controller` of `schedule` is now `starts`"):
         schedule(lambda depth: rig(), [1000.0, 2000.0], SoftTorque(), 10.0, initial_controller=StiffPI())
+
+
+def test_a_single_run_begins_at_a_start_on_its_own_plant(stick_slip, caplog):
+    loop = loop_of(SoftTorque(**LIMITS), 9.5)
+    run = simulate(loop.plant, 1.0, controller=loop.controllers, inputs=loop.inputs, start=TakenOver(StiffPI(), 1))
+    (start,) = TakenOver(StiffPI(), 1).on(loop).values
+    assert run["chain.twist"][0] == pytest.approx(start["chain.twist"], rel=1e-9) and run["top.torque"][0] > 5000.0
+    ramped = simulate(loop, 31.0, start=FromRest("30 s"))
+    assert np.interp([0.0, 15.0, 30.0], ramped.time, ramped["top.reference"]) == pytest.approx([0.19, 4.845, 9.5], rel=1e-3)
+    smooth = simulate(loop.replace(start={"bit.speed": 1.0}), 1.0, start=SmoothRunning())
+    assert smooth["bit.speed"][0] == pytest.approx(0.98 * 9.5) and np.min(smooth["bit.speed"]) > 9.0
+    assert not caplog.records
+    simulate(loop.at("top.reference", 13.0), 1.0, start=TakenOver(StiffPI(), 1))  # the stiff drive has no stick-slip there
+    assert "no stick-slip to end under StiffPI" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("start", "words"),
+    [(TakenOver(StiffPI(), 2), "TakenOver begins 2: simulate each loop"), (OwnStickSlip(1), "no stick-slip of its own was found")],
+)
+def test_a_start_of_several_runs_or_none_begins_no_single_run(start, words):
+    with pytest.raises(SceneError, match=words):
+        simulate(loop_of(SoftTorque(**LIMITS), 9.5), 1.0, start=start)

@@ -12,7 +12,7 @@ from toolbox.arguments import number, whole
 from toolbox.commands import figures
 from toolbox.commands.interrupt import goes_on
 from toolbox.commands.recording import answer, results
-from toolbox.commands.starting import one_law
+from toolbox.commands.starting import add_start, one_law, start_given
 from toolbox.commands.terminal import (
     Ended,
     asked_otherwise,
@@ -70,6 +70,7 @@ def add(commands: Any) -> None:
     )
     add_uncertain(border)
     border.add_argument("--draws", type=int, default=200, metavar="N", help="machines, where numbers are uncertain (200)")
+    add_start(border, "with uncertain numbers, where the scene begins")
     asked_otherwise(border)
     border.set_defaults(action=run, spelled={"bounds": "--range"}, words=lambda given: goes_on(given.out))
 
@@ -95,6 +96,8 @@ def run(given: argparse.Namespace) -> int:
     if given.uncertainty or given.posterior:
         left_out(failures)
         return _uncertain(given, scene, loops, parameter, (low, high), tolerance)
+    if given.start is not None:
+        raise SceneError("Argument `--start` must stand beside `--uncertainty` or `--posterior`: without, both branches are followed.")
     initial = None if given.initial_controller is None else one_law(scene, "--initial-controller", given.initial_controller)
     onsets = {}
     stems = file_stems(labels)
@@ -156,7 +159,16 @@ def _uncertain(
         raise SceneError(
             "Argument `--at` must not be given with `--uncertainty` or `--posterior`, because the margin of draws is not told."
         )
-    found = uncertain_onset(loops, parameter, bounds, uncertain_of(given), draws=given.draws, num_values=given.values, tolerance=tolerance)
+    found = uncertain_onset(
+        loops,
+        parameter,
+        bounds,
+        uncertain_of(given),
+        draws=given.draws,
+        num_values=given.values,
+        tolerance=tolerance,
+        starts=start_given(given, scene),
+    )
     unit = loops[next(iter(loops))].number(parameter).unit
     typed = numbers("--range", ranges("--range", [given.range])[parameter], unit)
     asked = {unit: shown} if (shown := asked_in(typed, "")) else {}

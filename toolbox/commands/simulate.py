@@ -7,15 +7,21 @@ import dataclasses
 import glob
 import re
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from toolbox.commands import figures
 from toolbox.commands.recording import results, untimed
+from toolbox.commands.starting import add_start, begun, start_given
 from toolbox.commands.terminal import asked_otherwise, common, drawn_as, earlier, file_stems, otherwise, plain, progress, show
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.units import parse
+from toolbox.messages import LOG
 from toolbox.simulation.methods import METHODS
+
+if TYPE_CHECKING:
+    from toolbox.robustness.starts import Start
 
 REPORT, SCENE = "simulate.txt", "scene.toml"
 RUN_FILES = (".npz", ".csv", ".png")
@@ -43,17 +49,19 @@ def add(commands: Any) -> None:
     single.add_argument(
         "--accuracy", type=float, metavar="A", help="target for the error of a state in parts of its size; that of the scene without"
     )
+    add_start(single, "where the scene begins")
     asked_otherwise(single)
     single.set_defaults(action=run)
 
 
 def run(given: argparse.Namespace) -> int:
     """Simulate cases of a scene. Returns the exit code."""
-    scene, simulated = _asked(given)
-    labels = [scene.case(label).label for label in given.controller or scene.labels]
+    scene, simulated, starts = _asked(given)
+    labels = [*simulated]
     stems = file_stems(labels)
     declared = hasattr(scene, "save") and scene.duration > 0  # a body with many contacts has arrays that no scene holds
-    printed, texts = [scene.title], [scene.title]
+    head = [scene.title if starts is None else f"{scene.title}\nstarted from {starts.words}"]
+    printed, texts = [*head], [*head]
     given.found, given.failures = {"title": scene.title, "runs": {}}, {}
     drawn = False
     with (
@@ -68,7 +76,7 @@ def run(given: argparse.Namespace) -> int:
             reached(i, label)
             complaint = ""
             try:
-                found = simulated(label)
+                found = simulated[label]()
             except SimulationError as failure:
                 found, complaint = failure.run, f"failed: {failure}"
                 given.failures[label] = str(failure)
@@ -83,7 +91,7 @@ def run(given: argparse.Namespace) -> int:
                 reached(i + 0.5, f"{label}: figure")
                 untimed(found).save(folder / f"{stem}.npz")
                 found.to_csv(folder / f"{stem}.csv")
-                title = scene.title if len(scene.labels) == 1 else f"{scene.title}: {label}"
+                title = scene.title if len(scene.labels) == len(labels) == 1 else f"{scene.title}: {label}"
                 figures.draw_found(found, title, folder / f"{stem}.{given.format}")
                 drawn = True
                 after.append(f"  files {stem}: npz, csv, {given.format}")
@@ -99,8 +107,8 @@ def run(given: argparse.Namespace) -> int:
     return 1 if len(given.failures) == len(labels) else 0
 
 
-def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:
-    """The scene with the duration and accuracy that were asked for, and what runs the case of a label."""
+def _asked(given: argparse.Namespace) -> tuple[Any, dict[str, Callable[[], Any]], Start | None]:
+    """The scene with the duration and accuracy that were asked for, {label: what runs it} of the runs, and their start if another one was asked for."""
     from toolbox.scenes.contact_scene import ContactScene, load_scene
     from toolbox.simulation.simulate import simulate
 
@@ -108,18 +116,27 @@ def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:
     duration = None if given.duration is None else parse(given.duration, "s", "--duration")
     changes: dict[str, Any] = {name: value for name, value in (("duration", duration), ("accuracy", given.accuracy)) if value is not None}
     if isinstance(scene, ContactScene):
-        for option in ("method", "accuracy", "law", "hold"):
+        for option in ("method", "accuracy", "law", "hold", "start"):
             if getattr(given, option) not in (None, []):
                 raise SceneError(f"Argument --{option} must be left out, because the contacts of this scene are stepped by its `step`.")
         stepped = dataclasses.replace(scene, **changes)
         if changes:
             stepped.check()
-        return stepped, stepped.run
+        return stepped, {each: partial(stepped.run, each) for each in _labels(given, stepped)}, None
     scene = otherwise(scene, given)
     if duration is not None and duration <= scene.after:
         changes["after"] = duration / 2  # that a scene must judge from within its duration on, and the folder holds it
     scene = dataclasses.replace(scene, **changes)
-    return scene, lambda label: simulate(scene[label], method=given.method or "event")
+    starts = start_given(given, scene, 1)
+    loops, refused = begun(scene, _labels(given, scene), starts)
+    for label, error in refused.items():
+        LOG.warning("controller `%s` is not run: %s", label, error)
+    return scene, {label: partial(simulate, loop, method=given.method or "event") for label, loop in loops.items()}, starts
+
+
+def _labels(given: argparse.Namespace, scene: Any) -> list[str]:
+    """Labels of the cases that are simulated, in full."""
+    return [scene.case(label).label for label in given.controller or scene.labels]
 
 
 def _left(report: str) -> list[str]:

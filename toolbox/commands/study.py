@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import argparse
 import csv
+import dataclasses
 import glob
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.commands import figures
 from toolbox.commands.recording import results, untimed
+from toolbox.commands.starting import add_start, begun, start_given
 from toolbox.commands.terminal import asked_otherwise, common, drawn_as, earlier, file_stems, loaded, otherwise, progress, show
+from toolbox.errors import SceneError
 
 if TYPE_CHECKING:
+    from toolbox.modelling.closed_loop import ClosedLoop
     from toolbox.scenes.scene import Scene
     from toolbox.scenes.verdict_table import Row
 
@@ -58,6 +62,7 @@ def add(commands: Any) -> None:
         action="store_true",
         help="repeat every verdict with twice as many elements of a string that is lumped from tables, and print both side by side",
     )
+    add_start(study, "where the scene begins")
     asked_otherwise(study)
     study.set_defaults(action=run, spelled={"metrics": "--metric"})
 
@@ -71,15 +76,24 @@ def run(given: argparse.Namespace) -> int:
 
     scene = loaded(given)
     finer = otherwise(Scene.load(given.scene, refined=True), given) if given.refined else None
-    stems = file_stems(scene.labels)
+    starts = start_given(given, scene, 1)
+    if starts is not None and scene.measured is not None:
+        raise SceneError(
+            "Argument `--start` must be left out for a scene with a log under `[measured]`, whose windows begin where the log does."
+        )
+    loops, refused = begun(scene, scene.labels, starts)
+    again = {} if finer is None else begun(finer, finer.labels, starts)[0]
+    begins = "" if starts is None else starts.words
+    begins += ", after which both times begin" if any(loop.duration != scene.duration for loop in loops.values()) else ""
+    stems = file_stems([*loops])
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
     with results(given, names, earlier("table.csv", "^controller,verdict,stuck,", _left)) as folder:
         rows, runs, left_out = [], {}, set[str]()
-        with progress(len(scene.cases)) as reached:
-            for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
+        with progress(len(loops)) as reached:
+            for i, ((label, loop), stem) in enumerate(zip(loops.items(), stems, strict=True)):
                 reached(i, label)
-                row, run = verdicts.verdict_row(scene, label, stem, given.metric)
-                rows.append(row)
+                row, run = verdicts.verdict_row(scene, label, stem, given.metric, loop if starts else None)
+                rows.append(dataclasses.replace(row, start=begins))
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
                     signals = None if given.all_signals else drawn_signals(run, scene.judged_contact)
@@ -90,7 +104,7 @@ def run(given: argparse.Namespace) -> int:
                     figures.draw(scene, title, run, folder / f"{stem}.{given.format}", folder / f"{stem}_phase.{given.format}")
                     runs[title] = run
             if runs:
-                reached(len(scene.cases) - 0.1, "comparison")
+                reached(len(loops) - 0.1, "comparison")
                 figures.draw_comparison(scene, runs, folder / f"comparison.{given.format}")
             notes = _beside_measured(scene, stems, folder, given.format) if scene.measured is not None else []
         given.found = {"title": scene.title, "rows": rows}
@@ -103,7 +117,8 @@ def run(given: argparse.Namespace) -> int:
             )
         warning = scene.dependencies().warning
         notes += [warning] if warning else []
-        notes += [_refined(finer, rows)] if finer is not None else []
+        notes += [f"{label} not run: {error}" for label, error in refused.items()]
+        notes += [_refined(finer, again, rows)] if finer is not None else []
         notes += [f"{label}: {unstable}" for label in scene.labels if (unstable := instability(scene[label]))]
         (folder / "study.txt").write_text("\n\n".join([table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
     show("\n\n".join([table(scene, rows), *notes]))
@@ -111,21 +126,24 @@ def run(given: argparse.Namespace) -> int:
     return 1 if all(row.failed for row in rows) else 0
 
 
-def _refined(finer: Scene, rows: Sequence[Row]) -> str:
-    """The verdicts on the scene with twice as many elements, beside those of its own number."""
+def _refined(finer: Scene, loops: Mapping[str, ClosedLoop], rows: Sequence[Row]) -> str:
+    """The verdicts on the scene with twice as many elements, beside those of its own number; loops: of its runs."""
     from toolbox.files.printing import columns
     from toolbox.onsets import verdicts
     from toolbox.scenes.situation import mode_summaries
 
-    again = [verdicts.verdict_row(finer, row.controller)[0] for row in rows]
+    again = {label: verdicts.verdict_row(finer, label, loop=loop)[0] for label, loop in loops.items()}
+    pairs = [(row, again[row.controller]) for row in rows if row.controller in again]
     cells = [("controller", "verdict", "with twice the elements", "stuck", "with twice the elements")]
-    cells += [(a.controller, a.verdict, b.verdict, f"{a.stuck:.3g} s", f"{b.stuck:.3g} s") for a, b in zip(rows, again, strict=True)]
-    other = [a.controller for a, b in zip(rows, again, strict=True) if a.verdict != b.verdict]
+    cells += [(a.controller, a.verdict, b.verdict, f"{a.stuck:.3g} s", f"{b.stuck:.3g} s") for a, b in pairs]
+    other = [a.controller for a, b in pairs if a.verdict != b.verdict]
     told = (
         f"The verdict on {', '.join(other)} depends on the number of elements."
         if other
         else "No verdict depends on the number of elements."
     )
+    if missing := [row.controller for row in rows if row.controller not in again]:
+        told += f" With twice as many elements, {', '.join(missing)} cannot start so."
     return "\n".join([f"With twice as many elements ({'; '.join(mode_summaries(finer.plant()))}):", *columns(cells, left=(0, 1, 2)), told])
 
 

@@ -10,6 +10,7 @@ from toolbox.arguments import whole
 from toolbox.commands import figures
 from toolbox.commands.interrupt import NOTHING
 from toolbox.commands.recording import results
+from toolbox.commands.starting import add_start, start_given
 from toolbox.commands.terminal import drawn_as, earlier, figure_format, ranges, show, side_by_side
 from toolbox.errors import SceneError
 from toolbox.messages import complaint
@@ -24,8 +25,8 @@ def add(commands: Any) -> None:
         description="Search the free numbers of one control law for the smallest objective on all scenes, or for the front of several objectives, and print "
         "the numbers with the law as given beside them. The folder gets the report, a figure, every point tried (csv, npz), and each scene with "
         "the law as given and the tuned one, ready for `stickslip study`; that of the first is scene.toml, too: all of it, or nothing.",
-        epilog="example: stickslip tune studies/scenes/jansen_2.toml --controller 'stiff PI' --range pi.proportional=500:50e3 --range pi.integral=50:20e3 "
-        "--objective settling --out tuned",
+        epilog="example: stickslip tune studies/scenes/jansen_2.toml --controller 'stiff PI' --range stiffpi.proportional=500:50e3 "
+        "--range stiffpi.integral=50:20e3 --objective settling --out tuned",
     )
     tuning.add_argument("scenes", type=Path, nargs="+", metavar="SCENE.toml", help="one scene, or several that the law must do well on")
     tuning.add_argument(
@@ -45,6 +46,7 @@ def add(commands: Any) -> None:
         metavar="NAME",
         help="what is made small, of `stickslip list metrics`, judged as the scene says; several give a front",
     )
+    add_start(tuning, "where each scene begins")
     tuning.add_argument("--aggregate", choices=("worst", "mean"), default="worst", help="what counts of several scenes (worst)")
     tuning.add_argument("--runs", type=int, default=200, metavar="N", help="most points tried, one run per scene each (200)")
     tuning.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search; the same seed gives the same result (0)")
@@ -86,7 +88,7 @@ def run(given: argparse.Namespace) -> int:
         found = tune(
             list(scenes.values()), given.controller, list(given.objective), bounds,
             aggregate=statistics.fmean if given.aggregate == "mean" else max, runs=given.runs, seed=given.seed, checkpoint=given.checkpoint,
-            executor=executor,
+            executor=executor, starts=start_given(given, next(iter(scenes.values()))),
         )  # fmt: skip
         given.found = found
         (folder / "tune.txt").write_text(f"{found}\n", encoding="utf-8")

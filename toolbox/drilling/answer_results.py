@@ -26,7 +26,10 @@ HEADS = {
 
 @dataclass(frozen=True)
 class Counted:
-    """Runs from one kind of start. held: how many come to smooth running;  runs: how many there are;  why: what the first other one does."""
+    """Runs from one kind of start.
+
+    held: how many come to smooth running;  runs: how many there are;  why: what the first other one does, and if there is no stick-slip to start from.
+    """
 
     held: int
     runs: int
@@ -38,9 +41,9 @@ class Counted:
         return self.held == self.runs
 
     def __str__(self) -> str:
-        if not self.runs:
-            return self.why or "-"
-        return f"holds, {self.held} of {self.runs}" if self.passed else f"fails, {self.runs - self.held} of {self.runs}"
+        if self.passed:
+            return self.why or (f"holds, {self.held} of {self.runs}" if self.runs else "-")
+        return f"fails, {self.runs - self.held} of {self.runs}"
 
 
 @dataclass(frozen=True)
@@ -181,7 +184,7 @@ class Answers(Told, Result):
         read = reading(self.unit, self.display_units)
         point, told = f"{self.nominal_value * read.factor:.4g}{read.tail}", []
         for label, each in self.results.items():
-            held = [HEADS[name] for name, count in each.starts.items() if count.runs and count.passed]
+            held = [HEADS[name] for name, count in each.starts.items() if count.passed and count.runs and not count.why]
             lost = [HEADS[name] for name, count in each.starts.items() if count.runs and not count.passed]
             words = f"{label} at {point}: "
             words += (

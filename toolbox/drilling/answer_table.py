@@ -38,6 +38,9 @@ from toolbox.simulation.simulate import simulate
 ERRORS = len(STARTS)
 """Number of the question about plants with errors; those about the own stick-slip and the costs follow."""
 
+CONFIRMED = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)
+"""Steps above a border at which it is confirmed: a start may fail again far above the lowest set-point that it holds."""
+
 PEAKS = ("top_peak", "bit_peak", "torque_peak")
 """Costs of the takeovers."""
 
@@ -134,10 +137,10 @@ def answers(
         {}, {}, str(situation), asked,
     )  # fmt: skip
     journal = None if checkpoint is None else _journal(Path(checkpoint), loops, initial_controller, phases, lasts, uncertainty)
-    questions: dict[str, _Question] = {}
+    questions: dict[str, Question] = {}
     for k, (label, loop) in enumerate(loops.items()):
         try:
-            questions[label] = _Question(loop, knob_of(loop), initial_controller, phases, lasts, k, journal)
+            questions[label] = Question(loop, knob_of(loop), initial_controller, phases, lasts, k, journal)
             found = _with(found, label, questions[label].at_set_point(uncertainty))
         except (SceneError, SimulationError) as error:
             found = dataclasses.replace(found, failed={**found.failed, label: str(error)})
@@ -167,7 +170,7 @@ def knob_of(loop: ClosedLoop) -> str:
 
 
 @dataclass(frozen=True)
-class _Question:
+class Question:
     """One controller: its loop, the set-point that is turned, and the runs that are asked."""
 
     loop: ClosedLoop
@@ -178,7 +181,7 @@ class _Question:
     place: int = 0
     journal: Journal | None = None
     known: dict[tuple[float | None, ...], Any] = field(default_factory=dict, compare=False)
-    taken: dict[float, list[ClosedLoop]] = field(default_factory=dict, compare=False)
+    taken: dict[float, tuple[list[ClosedLoop], str]] = field(default_factory=dict, compare=False)
 
     @cached_property
     def contact(self) -> str:
@@ -202,9 +205,10 @@ class _Question:
         """How many runs from a kind of start hold at a set-point."""
 
         def found() -> list[Any]:
-            said = [self._fails(loop) for loop in self._loops(start, self.loop.at(self.knob, value), value)]
-            nothing = "no stick-slip to end" if start == "takeover" else "-"
-            return [sum(not each for each in said), len(said), next((each for each in said if each), "" if said else nothing)]
+            loops, note = self._loops(start, self.loop.at(self.knob, value), value)
+            said = [self._fails(loop) for loop in loops]
+            why = next((each for each in said if each), "")
+            return [sum(not each for each in said), len(said), f"{note}; {why}" if note and why else note or why]
 
         return Counted(*self._kept(STARTS.index(start), value, found))
 
@@ -226,18 +230,21 @@ class _Question:
             return TakenOver(self.initial, self.phases)
         return AfterConnection() if start == "connection" else FromRest(RAMP if start == "ramp" else 0.0)
 
-    def _loops(self, start: str, loop: ClosedLoop, value: float) -> list[ClosedLoop]:
-        """The loops whose runs are judged from a kind of start; none where there is nothing to start from."""
+    def _loops(self, start: str, loop: ClosedLoop, value: float) -> tuple[list[ClosedLoop], str]:
+        """The loops whose runs are judged from a kind of start, and a note if there is no stick-slip, or nothing, to start from.
+
+        Without stick-slip of the initial controller, its run is taken over as it is at its end: the judged controller may still begin to stick.
+        """
         if start == "takeover":
             if value not in self.taken:  # the initial controller runs once for each set-point
                 found = self.start_of(start).on(loop)
-                self.taken[value] = [] if found.note else found.loops(loop)
+                self.taken[value] = found.loops(loop), "no stick-slip to end" if found.note else ""
             return self.taken[value]
         try:
-            return self.start_of(start).on(loop).loops(loop)
+            return self.start_of(start).on(loop).loops(loop), ""
         except SceneError:
             if start == "connection":  # a plant without a weight has none
-                return []
+                return [], "-"
             raise
 
     def _fails(self, loop: ClosedLoop) -> str:
@@ -273,7 +280,7 @@ class _Question:
         peaks = dict.fromkeys(PEAKS, math.nan)
         commands = [name for name in self.loop.plant.inputs if name not in self.loop.system.inputs]
         signals = {"top_peak": "top.speed", "bit_peak": self.speed, "torque_peak": commands[0] if commands else ""}
-        for loop in self._loops("takeover", self.loop.at(self.knob, value), value):
+        for loop in self._loops("takeover", self.loop.at(self.knob, value), value)[0]:
             run = simulate(loop, self.duration)
             for peak, signal in signals.items():
                 if signal and loop.system.has_signal(signal):
@@ -282,7 +289,7 @@ class _Question:
 
     def lowest(self, low: float, high: float, step: float) -> tuple[dict[str, float], float]:
         """({start: lowest set-point from which on every one that was tried holds}, set-point at which the own stick-slip ends)."""
-        found = {name: self._lowest(name, low, high, step) for name in STARTS if self.counted(name, high).runs or name == "takeover"}
+        found = {name: self.lowest_from(name, low, high, step) for name in STARTS if self.counted(name, high).runs or name == "takeover"}
         return found, float(self._kept(ERRORS + 3, high, lambda: [self._own_end(low, high)])[0])
 
     def _own_end(self, low: float, high: float) -> float:
@@ -290,8 +297,8 @@ class _Question:
         borders = onset(self.loop, self.knob, (low, high), num_values=9)
         return math.inf if borders.cycling[-1] else max((border.value for border in borders.ends), default=math.nan)
 
-    def _lowest(self, start: str, low: float, high: float, step: float) -> float:
-        """The lowest set-point on the grid by bisection, confirmed at the three above it; nan if the highest fails."""
+    def lowest_from(self, start: str, low: float, high: float, step: float) -> float:
+        """The lowest set-point on the grid by bisection, confirmed at `CONFIRMED` steps above it; nan if the highest fails."""
 
         def holds(k: int) -> bool:
             return self.counted(start, low + k * step).passed
@@ -304,7 +311,7 @@ class _Question:
             while upper - bottom > 1:
                 middle = (bottom + upper) // 2
                 bottom, upper = (bottom, middle) if holds(middle) else (middle, upper)
-            broken = [k for k in range(upper + 1, min(upper + 4, top + 1)) if not holds(k)]
+            broken = [upper + steps for steps in CONFIRMED if upper + steps <= top and not holds(upper + steps)]
             if not broken:
                 return low + upper * step
             bottom = broken[-1]

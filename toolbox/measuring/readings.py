@@ -98,7 +98,7 @@ class Layout:
         return low < -1e-9 * np.maximum(np.abs(low), np.abs(high))
 
     def broken_bound(self, found: Readings) -> str | None:
-        """What is wrong with a bound of friction that was negative during a run; None where none was."""
+        """Return a message about a bound of friction that was negative during a run; None if there was none."""
         for k in np.flatnonzero(self.negative(found)):
             element = self.program.system.elements[self.program.varying[k]]
             return element.negative_bound(f"is {found.lowest[len(self.signals) + k, self.whole]:.6g} during the run")
@@ -209,5 +209,5 @@ class RunningMeasures:
 
     @property
     def broken_bound(self) -> str | None:
-        """What is wrong with a bound of friction that was negative during the run; None where none was."""
+        """Message about a bound of friction that was negative during a run; None if there was none."""
         return self.layout.broken_bound(self.found)

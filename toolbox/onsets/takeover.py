@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from typing import Any
 
 from toolbox.arguments import whole
@@ -28,6 +28,12 @@ PHASES = 8
 
 BEFORE = 200.0
 """Time for which that controller runs before, by default [s]."""
+
+WIDER = (1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
+"""States of a controller to either side of 0 among which one is looked for that moves its command."""
+
+HALVINGS, STRAIGHT = 60, 1e-9
+"""How often they are halved, and the deviation from a straight line, as a fraction of the change, up to which a command is not limited."""
 
 
 def cycle_phases(run: Trajectory, count: int = PHASES) -> list[dict[str, Any]]:
@@ -100,16 +106,38 @@ def taken_over(loop: ClosedLoop, start: Any) -> dict[str, Any]:
 
 
 def _same_command(loop: ClosedLoop, values: Mapping[str, Any], own: str, command: str, wanted: float) -> dict[str, float]:
-    """{own: value} with which a continuous controller gives a command at the start; empty if its state does not decide the command alone and linearly."""
-    found = []
-    for guess in (0.0, 1.0):
-        found.append(float(simulate(loop.replace(start={**values, own: guess}), 1e-9).at(0.0)[command]))
-    slope = found[1] - found[0]
-    if not slope or not math.isfinite(slope):
+    """{own: value} with which a continuous controller asks for a command at the start; empty if its state does not decide the command alone and linearly.
+
+    A command beyond the limits of the controller is asked for as well, as by a sampled controller: it acts at its limit, and the state is not zero.
+    """
+
+    @cache
+    def given(value: float) -> float:
+        return float(simulate(loop.replace(start={**values, own: value}), 1e-9).at(0.0)[command])
+
+    found = _between_limits(given)
+    if found is None:
         return {}
-    value = (wanted - found[0]) / slope
-    given = float(simulate(loop.replace(start={**values, own: value}), 1e-9).at(0.0)[command])
-    return {own: value} if abs(given - wanted) <= 1e-6 * max(abs(wanted), abs(slope)) else {}
+    inside, slope = found
+    value = inside + (wanted - given(inside)) / slope
+    same = abs(given(value) - wanted) <= 1e-6 * max(abs(wanted), abs(slope))
+    limited = given(value) == given(2.0 * value - inside) and (given(value) - given(inside)) * (wanted - given(value)) > 0.0
+    return {own: value} if same or limited else {}
+
+
+def _between_limits(given: Callable[[float], float]) -> tuple[float, float] | None:
+    """(a state at which a command is not limited, slope of the command there); None if no state moves the command."""
+    ends = next(((-size, size) for size in WIDER if given(-size) != given(size)), None)
+    if ends is None:
+        return None
+    for _ in range(HALVINGS):
+        low, high = ends
+        middle = 0.5 * (low + high)
+        change = given(high) - given(low)
+        if abs(given(middle) - given(low) - 0.5 * change) <= STRAIGHT * abs(change):
+            return middle, change / (high - low)
+        ends = (low, middle) if abs(given(middle) - given(low)) > abs(given(high) - given(middle)) else (middle, high)
+    return None
 
 
 def under_held_commands(loop: ClosedLoop) -> Iterator[dict[str, Any]]:
@@ -146,7 +174,8 @@ def _takes(loop: ClosedLoop, name: str) -> bool:
 
 
 def at_set_point(law: Any, reference: float) -> Any:
-    """A law, and the laws inside of it, with that set-point [rad/s]; what is no dataclass is returned as it is."""
+    """Return a controller with this set-point [rad/s], also in the controllers inside of it. An object that is no dataclass is returned
+    unchanged."""
     if not dataclasses.is_dataclass(law):
         return law
     changed = {each.name: at_set_point(getattr(law, each.name), reference) for each in dataclasses.fields(law) if each.init}

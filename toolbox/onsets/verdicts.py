@@ -17,29 +17,35 @@ from toolbox.modelling.laws import Sampled
 from toolbox.onsets.coming_to import verdict_on
 from toolbox.scenes.judged import judged_measures, sticks_before_standstill
 from toolbox.scenes.verdict_table import Row
+from toolbox.simulation.simulate import simulate
 
 if TYPE_CHECKING:
+    from toolbox.modelling.closed_loop import ClosedLoop
     from toolbox.scenes.scene import Scene
     from toolbox.simulation.trajectory import Trajectory
 
 
-def verdict_row(scene: Scene, label: str, files: str = "", metrics: Any = ()) -> tuple[Row, Trajectory | None]:
+def verdict_row(
+    scene: Scene, label: str, files: str = "", metrics: Any = (), loop: ClosedLoop | None = None
+) -> tuple[Row, Trajectory | None]:
     """Simulate and judge one controller: its row, with further measures as `sweep` takes them, and its run.
 
-    A run that fails is a row as well, with the trajectory so far.
+    A run that fails is a row as well, with the trajectory so far.  loop: of the run, by default that of the case of this label.
     """
-    further = {} if scene.standstill_speed is None else judged_measures(STOP, scene[label], 0.0, scene.duration)
+    judged = scene[label] if loop is None else loop
+    duration = judged.duration or scene.duration
+    further = {} if scene.standstill_speed is None else judged_measures(STOP, judged, 0.0, duration)
     if metrics:
-        further |= judged_measures(metrics, scene[label], 0.0, scene.duration)
+        further |= judged_measures(metrics, judged, 0.0, duration)
     try:
-        run = scene.run(label)
+        run = scene.run(label) if loop is None else simulate(loop)
     except SimulationError as failure:
         return Row(label, RUN_FAILED, files=files, failure=str(failure)), failure.run
     try:
         error = run.error_estimate
     except SimulationError:  # the run to compare with, at a hundredth of the accuracy, may fail alone
         error = math.nan
-    words, found, _ = verdict_of(scene, run)
+    words, found, _ = verdict_of(judged, run)
     more = {name: each.read(run) for name, each in further.items()}
     remark = _remark(scene, run, found)
     return Row(label, words, error=error, wall_time=run.wall_time, files=files, remark=remark, more=more, **dict[str, Any](found)), run
@@ -70,7 +76,8 @@ CLOSE = 1e-9
 
 
 def limits_reached(run: Trajectory, until: float) -> dict[str, list[tuple[str, float, float]]]:
-    """{signal: (limit in words, its value, time [s] in which the command is at it)} of the limits that controllers know and reach before a time [s]."""
+    """Return {signal: (limit in words, value of the limit, time [s] at the limit)} for the limits that the controllers declare and reach
+    before a time [s]."""
     found: dict[str, list[tuple[str, float, float]]] = {}
     plant = run.run.loop.plant
     nodes = run.time <= until
@@ -115,7 +122,8 @@ def _number_of(name: str, run: Trajectory) -> float:
 
 
 def verdict_of(scene: Any, run: Trajectory) -> tuple[Verdict, dict[str, float], Judged | None]:
-    """The verdict on a run in words, its measures by the names of their columns, and what the judge found; None where he says no more than the run shows.
+    """Return the verdict on a run in words, its metrics by the names of their columns, and the judgement. The judgement is None if it adds
+    nothing to the run itself.
 
     scene: a scene, or a loop with all that a scene says of it.
     """

@@ -143,7 +143,7 @@ def chance(
     if twice is not None:
         raise SceneError(f"Argument `uncertainty` must not name what is varied, but `{twice}` is in `ranges`, too.")
     searches = {
-        label: Search(_begun(each, starts), points, known, duration, _start_of(each, starts, known), accuracy)
+        label: Search(begun(each, starts), points, known, duration, start_of_draws(each, starts, known), accuracy)
         for label, each in loops.items()
     }
     longest = max(each.duration for each in searches.values())
@@ -158,10 +158,10 @@ def chance(
             outcomes[label], severities[label] = (each.reshape(*points.shape, draws) for each in found)
             judged[label] = search.judged
     names = [first.number(name) for name in points.names]
-    begun = start_in_words(first) if starts is None else starts.words if isinstance(starts, Start) else "a start of its own for each draw"
-    begun += ", smooth running of a plant that has none" if isinstance(starts, (OwnStickSlip, TakenOver)) else ""
     lasts = f"{longest:.4g} s, carried on until the regime is decided"
-    situation = Situation.of(first, begun, lasts, plants=f"{draws} plants with drawn numbers at each point", cases=loops)
+    situation = Situation.of(
+        first, begun_in_words(first, starts), lasts, plants=f"{draws} plants with drawn numbers at each point", cases=loops
+    )
     return Chance(
         title=first.title, labels=tuple(loops), names=points.names, units=tuple(each.unit for each in names), axes=points.axes,
         uncertainty=known_as(uncertainty, known.names, draws),
@@ -178,12 +178,19 @@ def labelled(loop: Any) -> dict[str, ClosedLoop]:
     return loops
 
 
-def _begun(loop: ClosedLoop, starts: Any) -> ClosedLoop:
+def begun(loop: ClosedLoop, starts: Any) -> ClosedLoop:
     """The loop without start values of its own, where a start gives all of them."""
     return loop.replace(start={}) if isinstance(starts, Start) else loop
 
 
-def _start_of(loop: ClosedLoop, starts: Any, known: Variations) -> Callable[[Mapping[str, float]], Mapping[str, Any]] | None:
+def begun_in_words(loop: ClosedLoop, starts: Any) -> str:
+    """The start of runs of drawn plants, in words."""
+    if not isinstance(starts, Start):
+        return start_in_words(loop) if starts is None else "a start of its own for each draw"
+    return starts.words + (", smooth running of a plant that has none" if isinstance(starts, (OwnStickSlip, TakenOver)) else "")
+
+
+def start_of_draws(loop: ClosedLoop, starts: Any, known: Variations) -> Callable[[Mapping[str, float]], Mapping[str, Any]] | None:
     """The function {name: value} -> start values of a start; what is no start is returned as it is."""
     if not isinstance(starts, Start):
         return cast("Callable[[Mapping[str, float]], Mapping[str, Any]] | None", starts)

@@ -31,10 +31,11 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.numbers import put_all
 from toolbox.onsets.map_loop import SMOOTH, SWING
 from toolbox.probability.bounds import clopper_pearson, least_draws
-from toolbox.probability.chances import Search, labelled
+from toolbox.probability.chances import Search, begun, begun_in_words, labelled, start_of_draws
 from toolbox.probability.distributions import Draws, drawn, known_as
 from toolbox.probability.pictures import picture
-from toolbox.scenes.situation import Situation, start_in_words
+from toolbox.robustness.starts import Start
+from toolbox.scenes.situation import Situation
 from toolbox.steady_states.hopf import hopf_points
 from toolbox.sweeps.designs import grid
 from toolbox.vocabulary import new_names_only
@@ -219,14 +220,15 @@ def uncertain_onset(
     draws: int = 200,
     num_values: int = 13,
     tolerance: NumberOrText | None = None,
+    starts: Start | None = None,
     accuracy: float = 1e-4,
     confidence: float = 0.95,
     seed: int = 0,
 ) -> UncertainOnset:
     """Find the set-point above which a machine is free of stick-slip, if some of its numbers are uncertain and known as distributions.
 
-    A run begins at the start of its loop, for example from rest with a bit that sticks. Between neighbouring values of
-    the set-point a machine is assumed to have at most one border.
+    A run begins as `starts` says, by default at the start of its loop, for example from rest with a bit that sticks.
+    Between neighbouring values of the set-point a machine is assumed to have at most one border.
 
     Parameters
     ----------
@@ -246,6 +248,9 @@ def uncertain_onset(
         Number of values of the range that are examined before borders are halved, >= 3, by default 13.
     tolerance
         Width to which borders are halved. By default 1/50 of the range.
+    starts
+        Start of the runs, as in `chance`: `FromRest()`, `SmoothRunning()`, `OwnStickSlip()` or
+        `TakenOver(initial_controller)`. By default the start of the loop, which is rest if it gives no values.
     accuracy
         Target for the global error of the runs, between 1e-13 and 0.1, by default 0.0001.
     confidence
@@ -288,7 +293,10 @@ def uncertain_onset(
     looked = np.linspace(high, low, num_values)
     borders, smooth, unknown = {}, {}, {}
     searches = {
-        label: Search(each, grid({varied.name: looked[::-1].tolist()}), known, None, None, accuracy) for label, each in loops.items()
+        label: Search(
+            begun(each, starts), grid({varied.name: looked[::-1].tolist()}), known, None, start_of_draws(each, starts, known), accuracy
+        )
+        for label, each in loops.items()
     }
     longest = max(each.duration for each in searches.values())
     with progress_bar(len(loops) * draws, "onset") as bar:
@@ -296,13 +304,12 @@ def uncertain_onset(
             search.duration = longest
             borders[label], unknown[label] = _borders(search, known.points, looked, width)
             smooth[label] = _smooth(loops[label], varied.name, (low, high), known.names, known.points, bar)
+    lasts = f"{longest:.4g} s, carried on until the regime is decided"
     return UncertainOnset(
         title=first.title, name=varied.name, unit=varied.unit, bounds=(low, high), uncertainty=known_as(uncertainty, known.names, draws),
         names=known.names, points=known.points, onset_values=borders, smooth_running_limits=smooth, tolerance=width, undecided_runs=unknown,
         duration=longest, accuracy=accuracy, confidence=confidence, display_units=asked_units((low, high)),
-        situation=str(
-            Situation.of(first, start_in_words(first), f"{longest:.4g} s, carried on until the regime is decided", plants=f"{draws} plants with drawn numbers")
-        ),
+        situation=str(Situation.of(first, begun_in_words(first, starts), lasts, plants=f"{draws} plants with drawn numbers")),
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from toolbox.measuring.judge import NOT_DECIDED
 from toolbox.modelling.numbers_in_words import given_as
 from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.scene import Scene
-from toolbox.scenes.verdict_table import Row, situation_of
+from toolbox.scenes.verdict_table import Row, begun_otherwise, situation_of
 
 STOP, RUN, END = "stop without groan", "run without stick-slip", "end stick-slip"
 """Aims of controllers, of which the first two are those of studies."""
@@ -107,7 +107,7 @@ class Findings:
         return list(dict.fromkeys(label for outcomes in self.cases.values() for label in outcomes))
 
     def lost(self, label: str) -> list[str]:
-        """Cases in which a controller fails, with its verdict there."""
+        """Return the cases in which a controller fails, each with the verdict."""
         failed = {head: of[label] for head, of in self.cases.items() if label in of and of[label].held < of[label].runs}
         return [each.why if len(self.cases) == 1 else f"{head}: {each.why}" for head, each in failed.items()]
 
@@ -137,7 +137,7 @@ def of_study(scene: Scene, rows: Sequence[Row]) -> Findings:
     error = max((row.error for row in rows if math.isfinite(row.error)), default=math.nan)
     accurate = "" if math.isnan(error) else f", with a numerical error of at most {error:.0e}"
     return Findings(
-        scene.title, STOP if stop else RUN, _situation(scene), {"verdict": outcomes}, tuple(prices),
+        scene.title, STOP if stop else RUN, _situation(scene, rows), {"verdict": outcomes}, tuple(prices),
         f"one run of each controller with the numbers of the scene{accurate}; no number was varied.", _advice(scene, rows),
     )  # fmt: skip
 
@@ -153,14 +153,15 @@ STOPPING = ("distance", "jerk")
 """Metrics of a stop that are its price."""
 
 
-def _situation(scene: Scene) -> str:
-    held = situation_of(scene)
+def _situation(scene: Scene, rows: Sequence[Row]) -> str:
+    held = situation_of(scene, rows)
     read = reading(scene.plant().unit(scene.signal), scene.display_units)
     start = [
         f"`{name}` = {given_as(value, scene.plant().signal_unit(name), scene.display_units) or value}"
         for name, value in scene.start.items()
     ]
-    words = [held.plants, f"started from {' and '.join(start) or 'rest'}"]
+    begun = begun_otherwise(rows) or " and ".join(start) or "rest"
+    words = [held.plants, f"started from {begun}"]
     if scene.reference:
         words.append(f"set-point {scene.reference * read.factor:.4g}{read.tail}")
     if scene.standstill_speed is not None:

@@ -45,7 +45,8 @@ from toolbox.tuning.results import Tuned
 
 @dataclass(frozen=True)
 class Kind:
-    """What one command writes: the file that tells of it, what it is called, its figure, and how its answer and its verdicts are read from the folder."""
+    """Output of a command: the file that identifies it, its name, its figure, and functions that read its answer and its verdicts from the
+    folder."""
 
     mark: str
     name: str
@@ -129,7 +130,7 @@ def _study(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
         raise SceneError(f"Folder `{folder}` must hold the scene of its study, but there is no `scene.toml` with equations.")
     rows = read_table(folder / "table.csv")
     head, *cells = in_cells(scene, rows, times=False)
-    return table(judged_by(scene), head, cells), tuple(remarks(rows))
+    return table(judged_by(scene, rows), head, cells), tuple(remarks(rows))
 
 
 def _study_findings(folder: Path, scene: Scene | None) -> Findings | None:

@@ -29,12 +29,13 @@ from toolbox.arguments import number, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import STICKS
+from toolbox.messages import LOG
 from toolbox.modelling.closed_loop import ClosedLoop, value_at
 from toolbox.modelling.closing import described
 from toolbox.modelling.inputs import ramp
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.onsets.carried import Carried
-from toolbox.onsets.coming_to import HERE, Settled
+from toolbox.onsets.coming_to import HERE, Settled, last_change
 from toolbox.onsets.reach import held_starts
 from toolbox.onsets.takeover import BEFORE, PHASES, at_set_point, cycle_phases, taken_over, under_controller
 from toolbox.scenes.judged import judged_contact, judged_speed, set_point
@@ -68,9 +69,16 @@ class Found:
     inputs: Sequence[Mapping[str, Any]] = ()
 
     def loops(self, loop: ClosedLoop) -> list[ClosedLoop]:
-        """Return the loop of each run."""
+        """Return the loop of each run. The duration and the judged time of a loop of a scene count from the last change of the inputs of its start."""
         inputs = self.inputs or [{} for _ in self.values]
-        return [loop.replace(start=start, inputs={**loop.inputs, **more}) for start, more in zip(self.values, inputs, strict=True)]
+        begun = [loop.replace(start=start, inputs={**loop.inputs, **more}) for start, more in zip(self.values, inputs, strict=True)]
+        return [_later(each, max(last_change(each) - last_change(loop), 0.0)) for each in begun]
+
+
+def _later(loop: ClosedLoop, seconds: float) -> ClosedLoop:
+    """A loop of a scene that lasts longer by so many seconds, and is judged later by as many."""
+    times = {name: value + seconds for name, value in (("duration", loop.duration), ("after", loop.after)) if value is not None}
+    return loop.replace(**times) if seconds else loop
 
 
 class Start(abc.ABC):
@@ -98,10 +106,36 @@ class Start(abc.ABC):
             The loop whose runs begin at these start values.
         """
 
+    def single_loop(self, loop: ClosedLoop) -> ClosedLoop:
+        """Return the loop of the only run that begins at this start, for `simulate`.
+
+        Raises SceneError if no run, or more than one, begins so.
+
+        Parameters
+        ----------
+        loop
+            The loop whose run begins at this start.
+        """
+        found = self.on(loop)
+        runs = found.loops(loop)
+        if len(runs) > 1:
+            raise SceneError(
+                f"Argument `start` must begin one run, but {type(self).__name__} begins {len(runs)}: "
+                "simulate each loop of `start.on(loop).loops(loop)`, or take one phase."
+            )
+        if not runs:
+            raise SceneError(f"Argument `start` must be a start that the loop has: {found.note}.")
+        if found.note:
+            LOG.warning("%s", found.note)
+        return runs[0]
+
 
 @dataclass(frozen=True)
 class SmoothRunning(Start):
-    """Start of a run at smooth running, with the commands and the memory that the controllers have in this steady state.
+    """Start of a run near smooth running, with the commands and the memory that the controllers have in this steady state.
+
+    In a loop that has a linear approximation there, the states of the plant are 2 % smaller than in the steady state, so
+    that a run shows whether an oscillation grows.
 
     Examples
     --------

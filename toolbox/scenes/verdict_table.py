@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table of a study, in SI; nan where a number does not exist, inf for what never settles.
+    """A row of the table of a study, in SI. nan if a number does not exist, inf for a run that never settles.
 
     Attributes
     ----------
@@ -51,6 +51,8 @@ class Row:
         Why the run could not be finished; empty if it was.
     remark
         What the reader should know of the run, such as limits that were reached; empty for nothing.
+    start
+        Start of the run in words; empty for the start that the scene gives.
     more
         {name: value} of further measures.
     """
@@ -67,6 +69,7 @@ class Row:
     files: str = ""
     failure: str = ""
     remark: str = ""
+    start: str = ""
     more: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -79,7 +82,7 @@ HEADINGS = tuple(each.name for each in dataclasses.fields(Row) if each.name not 
 """Headings of the table on disk, before further measures: all but the time, which is never the same again."""
 JUDGED = ("regime", "tone", "failed", "reason")
 """Fields of a verdict, which are columns of the table on disk."""
-TEXTS = ("controller", "verdict", "files", "failure", "remark")
+TEXTS = ("controller", "verdict", "files", "failure", "remark", "start")
 """Columns of the table on disk that hold text, beside those of the verdict."""
 
 
@@ -102,7 +105,7 @@ def write_table(rows: Sequence[Row], path: Path) -> None:
 
 
 def read_table(path: Path) -> list[Row]:
-    """The rows that `write_table` wrote. Raises SceneError where the file is none of a study."""
+    """Return the rows that `write_table` wrote. SceneError is raised if the file is no table of a study."""
     rows = []
     with understood(path, "the table of a study"):
         for told in csv.DictReader(io.StringIO(text_of(path, TEXT, "table"))):
@@ -117,14 +120,16 @@ def read_table(path: Path) -> list[Row]:
 
 
 def table(scene: Scene, rows: Sequence[Row], times: bool = True) -> str:
-    """The rows as text, under what was judged and above the remarks; times: whether with the time that each took."""
+    """Return the rows as text, with the judged quantities above and the remarks below. times: whether to show the computing time of each
+    row."""
     lines = columns(in_cells(scene, rows, times), (0, 1), "")
     lines.insert(1, "-" * max(map(len, lines)))
-    return "\n".join([scene.title, judged_by(scene), "", *lines, *remarks(rows)])
+    return "\n".join([scene.title, judged_by(scene, rows), "", *lines, *remarks(rows)])
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Which runs failed, and why, and what else the reader should know of runs, each said once with the controllers that it holds for."""
+    """Return the failed runs with their reasons, and the remarks on the other runs. Equal remarks are merged, with the names of their
+    controllers."""
     labels: dict[str, list[str]] = {}
     for row in rows:
         if row.remark:
@@ -133,8 +138,8 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     return failed + [f"{', '.join(of)}: {remark}" for remark, of in labels.items()]
 
 
-def judged_by(scene: Scene) -> str:
-    """A sentence about what is judged in which time."""
+def judged_by(scene: Scene, rows: Sequence[Row] = ()) -> str:
+    """A sentence about what is judged in which time, and the situation of the rows."""
     speed = reading(scene.plant().unit(scene.signal), scene.display_units)
     until = (
         f"{scene.duration:g} s"
@@ -142,19 +147,24 @@ def judged_by(scene: Scene) -> str:
         else f"standstill at {scene.standstill_speed * speed.factor:g} {speed.unit}"
     )
     set_point = f"; set-point {scene.reference * speed.factor:.4g} {speed.unit}" if scene.reference else ""
-    return f"{scene.judged_names}, judged from {scene.after:g} s to {until}{set_point}.\n{situation_of(scene)}"
+    return f"{scene.judged_names}, judged from {scene.after:g} s to {until}{set_point}.\n{situation_of(scene, rows)}"
 
 
-def situation_of(scene: Scene) -> Situation:
-    """The situation that the verdicts on the controllers of a scene hold for."""
+def situation_of(scene: Scene, rows: Sequence[Row] = ()) -> Situation:
+    """The situation that the verdicts on the controllers of a scene hold for; rows: of a study, whose runs may begin otherwise than the scene does."""
     label = next((each for each in scene.labels if scene[each].controllers), scene.labels[0])
     return Situation.of(
         scene[label],
-        start_in_words(scene[label]),
+        begun_otherwise(rows) or start_in_words(scene[label]),
         f"{scene.duration:g} s, carried on until the regime is decided",
         design="controllers as the scene gives them",
         cases={each: scene[each] for each in scene.labels},
     )
+
+
+def begun_otherwise(rows: Sequence[Row]) -> str:
+    """The start of the rows of a study in words; empty for that of the scene."""
+    return next((row.start for row in rows if row.start), "")
 
 
 def _time_stuck(stuck: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,11 +18,19 @@ if TYPE_CHECKING:
     from toolbox.simulation.trajectory import Trajectory
 
 
+@runtime_checkable
+class SingleStart(Protocol):
+    """A start of `toolbox.robustness`, such as `FromRest("30 s")`: it finds the loop of its run on the plant of a loop."""
+
+    def single_loop(self, loop: ClosedLoop) -> ClosedLoop:
+        """Return the loop of the only run that begins so."""
+
+
 def simulate(
     loop: HybridSystem | ClosedLoop,
     duration: NumberOrText | None = None,
     *,
-    start: Mapping[str, Any] | Samples | Equilibrium | RunState | None = None,
+    start: Mapping[str, Any] | Samples | Equilibrium | RunState | SingleStart | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
@@ -53,6 +61,8 @@ def simulate(
         - {state, or signal that is a state: start value}. All other states are 0, and the time is 0.
         - One instant of another run, `run.at(12.5)`.
         - An `Equilibrium`, whose states are used.
+        - A start of `toolbox.robustness` that begins one run, such as `FromRest("30 s")`, `SmoothRunning()` or
+          `TakenOver(StiffPI(), phases=1)`. It is found on the plant of this loop, with the commands of its controllers.
         - `run.last`. The new run continues the old run at its end, as one run without interruption: at the same
           absolute time, with the memory of all controllers and the commands that are still delayed. Inputs are
           functions of the absolute time, and `time` of the new run begins at the end of the old run. An event exactly
@@ -128,10 +138,12 @@ def simulate(
     at = begin = None
     if isinstance(start, (RunState, Samples)):
         at = start
-    else:
+    elif not isinstance(start, SingleStart):
         begin = start
     if not isinstance(loop, ClosedLoop) or any(each is not None for each in (controller, sample_time, inputs, parameters, begin)):
         loop = closed_loop(loop, controller, sample_time=sample_time, inputs=inputs, parameters=parameters, start=begin)
+    if isinstance(start, SingleStart):
+        loop = start.single_loop(loop)
     duration = loop.duration if duration is None else duration
     if duration is None:
         raise SceneError("Argument `duration` must be given: only a loop out of a scene has one of its own.")

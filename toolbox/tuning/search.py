@@ -15,6 +15,7 @@ from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.journal import Journal
 from toolbox.measuring.metrics import Metric
+from toolbox.robustness.starts import Found, Start
 from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.simulate import simulate
@@ -30,21 +31,37 @@ class Spent(Exception):
 
 
 def trial_objectives(
-    scene: Scene, numbers: tuple[float | None, ...], label: str, free: tuple[Free, ...], objectives: tuple[Metric, ...], strict: bool
+    scene: Scene,
+    numbers: tuple[float | None, ...],
+    label: str,
+    free: tuple[Free, ...],
+    objectives: tuple[Metric, ...],
+    strict: bool,
+    starts: Start | None,
 ) -> tuple[tuple[float, ...], str]:
-    """The objectives of one scene under a law with other numbers, and why it failed. strict: let what is wrong with the law itself be raised."""
+    """The objectives of one scene under a law with other numbers, the worst of all its starts, and why it failed.
+
+    strict: let what is wrong with the law itself be raised.
+    """
     refused = () if strict else (SceneError, np.linalg.LinAlgError)
     try:
-        run = simulate(with_numbers(scene[label], free, numbers))
-        asked = judged_measures(dict(enumerate(objectives)), run.run.loop, run.begin, run.end, "objective")
-        values = [each.read(run) for each in asked.values()]
+        loop = with_numbers(scene[label], free, numbers)
+        found = Found([loop.start]) if starts is None else starts.on(loop)
+        rows = []
+        for begun in found.loops(loop):
+            run = simulate(begun)
+            asked = judged_measures(dict(enumerate(objectives)), run.run.loop, run.begin, run.end, "objective")
+            rows.append([each.read(run) for each in asked.values()])
+        if not rows:
+            return (math.inf,) * len(objectives), found.note
+        values = np.max(rows, axis=0).tolist()
     except (SimulationError, *refused) as error:
         return (math.inf,) * len(objectives), f"{type(error).__name__}: {error}"
     return tuple(value if math.isfinite(value) else math.inf for value in values), ""
 
 
 def is_result(kept: Any, scenes: int, objectives: int) -> bool:
-    """Whether what a journal holds is the result of one point: a row of objectives for each scene, and why each failed."""
+    """Return whether an entry of a journal is the result of a point: a row of objectives and a reason of failure for each scene."""
     rows, failures = (kept.get("values"), kept.get("failures")) if isinstance(kept, dict) else (None, None)
     if not isinstance(rows, list) or not isinstance(failures, list) or not len(rows) == len(failures) == scenes:
         return False
@@ -59,21 +76,21 @@ class TuningSearch:
 
     def __init__(
         self, scenes: list[Scene], label: str, free: tuple[Free, ...], objectives: dict[str, Metric], over: Any, runs: int, journal: Journal | None,
-        executor: concurrent.futures.Executor | None = None,
+        executor: concurrent.futures.Executor | None = None, starts: Start | None = None,
     ):  # fmt: skip
         self.scenes, self.label, self.free, self.objectives = scenes, label, free, objectives
-        self.over, self.runs, self.journal, self.executor = over, runs, journal, executor
+        self.over, self.runs, self.journal, self.executor, self.starts = over, runs, journal, executor, starts
         self.trials: dict[tuple[float | None, ...], Trial] = {}
         self.simulated = 0
         self.bar: Any = None
 
     def given(self) -> Trial:
-        """The law as it is; what is wrong with it is the user's to know."""
+        """Return the trial of the given law. Its errors are raised, for the user."""
         return self.tried([tuple(each.given for each in self.free)], strict=True)[0]
 
     @property
     def start(self) -> np.ndarray | None:
-        """The place of the given law in the cube; None where it is outside or leaves a number to `design`."""
+        """Place of the given law in the cube; None if the law is outside of the cube or leaves a number to `design`."""
         if any(each.given is None for each in self.free):
             return None
         z = np.array([each.place(each.given) for each in self.free])  # type: ignore[arg-type]
@@ -85,7 +102,8 @@ class TuningSearch:
         return np.minimum([counted_over(trial, self.over) for trial in self.tried(points)], WORST)
 
     def tried(self, points: Sequence[tuple[float | None, ...]], strict: bool = False) -> list[Trial]:
-        """The trials of points, in their order; all that are new at once where there is an executor. Raises Spent behind the last that may be tried."""
+        """Return the trials of points, in their order. New points are simulated together if there is an executor. Spent is raised after the
+        last allowed trial."""
         known = self.journal.known if self.journal is not None else {}
         fresh = list(dict.fromkeys(numbers for numbers in points if numbers not in self.trials))[: self.runs - len(self.trials)]
         found = self._evaluated([numbers for numbers in fresh if numbers not in known], strict)
@@ -109,7 +127,8 @@ class TuningSearch:
 
     def _evaluated(self, points: list[tuple[float | None, ...]], strict: bool) -> Iterator[tuple[tuple[tuple[float, ...], str], ...]]:
         """What `trial_objectives` says of every point in every scene, one point after the other."""
-        find = partial(trial_objectives, label=self.label, free=self.free, objectives=tuple(self.objectives.values()), strict=strict)
+        objectives = tuple(self.objectives.values())
+        find = partial(trial_objectives, label=self.label, free=self.free, objectives=objectives, strict=strict, starts=self.starts)
         pairs = self.scenes * len(points), [numbers for numbers in points for _ in self.scenes]
         if self.executor is None:
             yield from zip(*[map(find, *pairs)] * len(self.scenes), strict=True)
@@ -129,7 +148,7 @@ def _sample(search: TuningSearch, size: int, seed: int) -> np.ndarray:
 
 
 def smallest(search: TuningSearch, seed: int) -> None:
-    """One objective: differential evolution, then Nelder-Mead with what is left."""
+    """Minimise a single objective by differential evolution, then by Nelder-Mead with the remaining runs."""
     from scipy.optimize import differential_evolution
 
     n = len(search.free)

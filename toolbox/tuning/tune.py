@@ -35,6 +35,7 @@ from toolbox.modelling.components import law_of, numbers_of
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.numbers import law_with_numbers
+from toolbox.robustness.starts import Start
 from toolbox.scenes.cases import Case
 from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.scene import Scene
@@ -53,6 +54,7 @@ def tune(
     ranges: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
     duration: NumberOrText | None = None,
+    starts: Start | None = None,
     aggregate: Callable[[Sequence[float]], float] = max,
     runs: int = 200,
     seed: int = 0,
@@ -83,6 +85,10 @@ def tune(
     duration
         Length of the runs [s], or text with a unit, needed if `scene` is a plant. By default None: a scene has its own
         duration.
+    starts
+        Start of the runs, as in `worst_case`, such as `TakenOver(StiffPI(), phases=2)`. The start is found for every
+        point, and of several runs the largest value of an objective counts. By default None: each scene has its own
+        start, which is rest if it gives no values.
     aggregate
         Function that combines the values of several scenes: `max` (default) for the worst case, `statistics.fmean` for
         the mean.
@@ -143,10 +149,11 @@ def tune(
                 "objective": repr({name: repr(each) if each.looks_at else fingerprint(each.function) for name, each in objectives.items()}),
                 "ranges": repr([(each.name, each.low, each.high) for each in free]),
                 "seed": str(seed),
-            },
+            }
+            | ({} if starts is None else {"starts": fingerprint(starts)}),
             lambda result: is_result(result, len(scenes), len(objectives)),
         )
-    search = TuningSearch(list(scenes.values()), chosen, free, objectives, aggregate, runs, kept, executor)
+    search = TuningSearch(list(scenes.values()), chosen, free, objectives, aggregate, runs, kept, executor, starts)
     with progress_bar(runs, "tuning", bar_format="{desc} |{bar:30}| {n_fmt}/{total_fmt} points, {elapsed}") as search.bar:
         search.given()
         with contextlib.suppress(Spent):
@@ -167,19 +174,18 @@ def tune(
         search.simulated,
         loop,
         {**scenes[next(iter(scenes))].display_units, **{each.unit: asked_in((each.low, each.high), each.unit) for each in reversed(free)}},
-        _situation(scenes, loops),
+        _situation(scenes, loops, starts),
     )
 
 
-def _situation(scenes: Mapping[str, Scene], loops: Mapping[str, ClosedLoop]) -> str:
+def _situation(scenes: Mapping[str, Scene], loops: Mapping[str, ClosedLoop], starts: Start | None) -> str:
     """The situation of the objectives, in one line: that of the first scene, and how many there are."""
     label = next(iter(scenes))
     plants = "the plant of the scene" if len(scenes) == 1 else f"the plants of {len(scenes)} scenes"
     first = scenes[label]
     lasts = f"{first.duration:g} s, judged from {first.after:g} s on"
-    return str(
-        Situation.of(loops[label], start_in_words(loops[label]), lasts, plants=plants, design="controller designed anew for each point")
-    )
+    begun = start_in_words(loops[label]) if starts is None else starts.words
+    return str(Situation.of(loops[label], begun, lasts, plants=plants, design="controller designed anew for each point"))
 
 
 def _scenes(given: Any, controller: Any, duration: float | None) -> dict[str, Scene]:

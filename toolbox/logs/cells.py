@@ -110,17 +110,24 @@ def is_unit(text: str) -> bool:
     return False
 
 
-def decimal_mark(cells: Sequence[str]) -> str | None:
-    """Return the decimal mark of a log, found in its cells: "." or ",". None if the commas may also be thousands separators."""
-    commas = [cell for cell in cells if "," in cell and re.fullmatch(r"[+-]?[\d.,' \u00a0\u202f]+(?:[eE][+-]?\d+)?", cell)]
+def decimal_mark(columns: Sequence[Sequence[str]]) -> str | None:
+    """Return the decimal mark of a log, found in the cells of its columns: "." or ",". None if the commas may also be thousands separators.
+
+    A point in another column tells nothing about `100,368`: recorders write some columns with a decimal comma and others with a point.
+    """
+    of_column = [
+        [cell for cell in cells if "," in cell and re.fullmatch(r"[+-]?[\d.,' \u00a0\u202f]+(?:[eE][+-]?\d+)?", cell)] for cells in columns
+    ]
+    commas = [cell for found in of_column for cell in found]
     if not commas:
         return "."
     if any("." in cell and cell.rindex(".") > cell.rindex(",") for cell in commas) or any(cell.count(",") > 1 for cell in commas):
         return "."
     if any("." in cell or not re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell) for cell in commas):
         return ","
-    if any("." in cell and re.fullmatch(r"[+-]?\d+\.\d+", cell) for cell in cells):
-        return "."  # others have a point
+    for found, cells in zip(of_column, columns, strict=True):
+        if found and len({cell for cell in cells if re.fullmatch(r"[+-]?\d+\.\d+", cell)}) > 1:
+            return "."  # others of the column have a point; a single one may be the number that means no value
     return None
 
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from toolbox.errors import SceneError
 
-NULLS = (-999.25, -999.0, -9999.0, -9999.25, -99999.0, -32768.0, 32767.0)
+NULLS = (-999.25, 999.25, -999.0, -9999.0, 9999.0, -9999.25, -99999.0, -32768.0, 32767.0)
 """Numbers by which logs say that there is no value (the NULL of LAS files, and its relatives)."""
 
 HUGE = 1e29

@@ -160,7 +160,7 @@ class PlannedStop(Stateful):
         return command
 
     def within(self, force: float) -> float:
-        """The force inside its limits, exactly; one that is still below the lowest force rises as fast as it may."""
+        """Return the force within its limits, exactly. A force below the lowest force rises at the highest rate."""
         law, step = self.law, self.step
         force = min(max(force, law.lowest_force), law.highest_force)
         return min(max(force, self.last - step), self.last + step)

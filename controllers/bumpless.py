@@ -18,7 +18,7 @@ from toolbox import Update, state
 
 
 def begun(update: Update, signal: Any, name: str, starts: Mapping[Any, Any]) -> Update:
-    """The update of a law whose memory begins at `starts` where a torque acts at its first sample.
+    """Return the update of a law with a bumpless start. If a torque acts at the first sample, the memory begins at `starts`.
 
     update: that of the law.  signal: what gives its measurements.  name: of the law in its memory; `<name>.started` [1] is 1 once the first sample is over.
     starts: {state of the memory: start value}, an expression of measurements and of `acting(signal)`. A memory `<...>.last_torque` of a rate
@@ -43,5 +43,5 @@ def acting(signal: Any) -> Any:
 
 
 def over(value: Any, gain: Any) -> Any:
-    """value / gain, and 0 where the gain is 0: what an integral must be to give a value."""
+    """Return value / gain, or 0 if the gain is 0. An integral with this value gives `value` after the gain."""
     return ca.if_else(gain == 0.0, 0.0, value / (gain + (gain == 0.0)))

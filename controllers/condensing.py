@@ -18,7 +18,7 @@ and highest torque, and the largest change from sample to sample; the cost that 
 
 
 class Weights(NamedTuple):
-    """What a plan of N torques is judged by.
+    """Cost and limits of a plan of N torques.
 
     numbers: see above;  x_s: the steady state;  gain: of the regulator on (x - x_s, u - u_s);  Q_rows r_i: a stage costs sum_i (r_i (x - x_s))^2 / 2;
     P_rows: the end costs the same of (x - x_s, u - u_s);
@@ -60,7 +60,7 @@ class Drive(NamedTuple):
 
 
 class Check(NamedTuple):
-    """A program with an answer z, y;  found: the three residuals, and behind them room for what the multipliers push."""
+    """A program with an answer z, y. `found` holds the three residuals and then room for the force of the multipliers."""
 
     H: np.ndarray
     A: np.ndarray

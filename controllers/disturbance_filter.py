@@ -15,7 +15,7 @@ from toolbox.modelling import Stateful
 
 @dataclass(frozen=True)
 class FilterModel:
-    """What a filter knows: x' = A x + B u - E T, y = C x at samples of `period` [s], with commands that take effect `delay` [s] later.
+    """Model of a filter: x' = A x + B u - E T, y = C x at samples of `period` [s], with commands that take effect `delay` [s] later.
 
     noise: standard deviations of y;  torque_process_noise: wandering of T in a second;  drive_process_noise: white noise of the drive.
     """
@@ -83,7 +83,7 @@ class DisturbanceFilter(Stateful):
         return self.z
 
     def arrival(self) -> np.ndarray:
-        """The estimate at the instant at which the command of this sample arrives, under the commands that wait."""
+        """Return the estimate at the instant at which the command of this sample arrives. Until then the waiting commands act."""
         z = self.first @ self.z + self.first_drive * self.waiting[0]
         for command in self.waiting[1:]:
             z = self.whole @ z + self.whole_drive * command

@@ -30,7 +30,7 @@ from toolbox.modelling import OptionalQuantity
 
 
 def declared_load(plant: HybridSystem, load: str) -> float:
-    """The default [N] of an input of a plant; raises SceneError where it is none."""
+    """Return the default [N] of an input of a plant. SceneError is raised if the plant has no such input."""
     if load not in plant.inputs:
         raise SceneError(f"Argument `load` must be an input of the plant, but `{load}` is none of {', '.join(plant.inputs)}.")
     return float(np.array(plant.input_defaults(plant.values)).ravel()[list(plant.inputs).index(load)])
@@ -260,7 +260,7 @@ class DitherMap:
 
     @property
     def stands(self) -> np.ndarray:
-        """Where the contact stands at the end, in the order of `swing`: dither has stopped what it should keep moving."""
+        """True if the contact stands at the end, in the order of `swing`. Dither has then stopped a contact that should move."""
         return stands(self.stuck)
 
     def calm(self, below: float = 0.5) -> np.ndarray:

@@ -186,7 +186,7 @@ class HInfinity(TorqueLimits):
 def central_law(
     A: np.ndarray, B1: np.ndarray, B2: np.ndarray, C1: np.ndarray, C2: np.ndarray, level: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """(A_K, B_K, C_K) of the central law u = K y that keeps the norm below `level`, or None where no law does.
+    """Return (A_K, B_K, C_K) of the central law u = K y with a norm below `level`, or None if no law reaches it.
 
     Plant: x' = A x + B1 d + B2 u, counted (C1 x, u), measured y = C2 x + n; norm from (d, n) to what is counted. With the stabilising solutions of
     A'X + X A + X (B1 B1' / level^2 - B2 B2') X + C1'C1 = 0 and A Y + Y A' + Y (C1'C1 / level^2 - C2'C2) Y + B1 B1' = 0, both >= 0, and spectral radius of

@@ -57,7 +57,7 @@ class StringObserverController(ObserverBasedController):
 
 @dataclass(frozen=True)
 class Ahead(Observer):
-    """A string observer whose estimates are those of `late` samples later, under the commands that are on their way; sampled only."""
+    """A string observer with estimates for `delay_samples` samples later, under the commands on their way; sampled only."""
 
     observer: Observer = field(default_factory=StringObserver)
     delay_samples: int = 0

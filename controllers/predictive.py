@@ -107,7 +107,7 @@ class Predictive(TorqueLimits):
 
 @dataclass
 class Record:
-    """What a predictive law did: `fallbacks` (time [s], why), `seconds` per sample, `iterations` of programs solved, `answers` the last one.
+    """Record of a predictive law: `fallbacks` (time [s], reason), `seconds` per sample, number of solved programs, and the last answer.
 
     print(record) gives the count of fallbacks and median, 99th percentile and maximum of the time per sample.
     """
@@ -163,7 +163,7 @@ class SoftDrive(Stateful):
         self.acts, self.offset = False, 0.0
 
     def torque(self, error: float, last: float, period: float) -> float:
-        """The torque for a speed error [rad/s]; `last` [N m] is where it starts after `rest`."""
+        """Return the torque for a speed error [rad/s]. After `rest` the torque begins at `last` [N m]."""
         if not self.acts:
             self.acts, self.offset = True, last - self.proportional * error
         self.offset += self.integral * period * error
@@ -222,11 +222,12 @@ class PredictiveLaw(Stateful):
         return self.law.signal_limits
 
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
-        """The torque for the estimate z = (x, T) at the instant at which it will act, or None and why there is none."""
+        """Return the torque for the estimate z = (x, T) at the instant at which the torque will act, and the reason if there is none
+        (None)."""
         raise NotImplementedError
 
     def begin(self, y: np.ndarray, torque: float) -> None:
-        """Take over from a drive whose torque [N m] acts, at the first sample with what the sensors measure."""
+        """Take over, at the first sample of the sensors, from a drive with this torque [N m]."""
         estimate = self.steady_string @ np.append(y, torque)
         self.filter.z, self.filter.waiting[:] = estimate, torque
         self.watchdog.speed, self.watchdog.load = float(self.top @ estimate[:-1]), float(self.model.load @ estimate[:-1])
@@ -258,7 +259,8 @@ class PredictiveLaw(Stateful):
 
 
 def sensor_rows(plant: HybridSystem, sensors: tuple[str, ...]) -> np.ndarray:
-    """Rows that give the sensors from the states of the string; raises SceneError for one that is unknown or not linear in the states."""
+    """Return rows that map the states of the string to the sensors. SceneError is raised for a sensor that is unknown or not linear in the
+    states."""
     rows = []
     for name in sensors:
         found = plant.state_index(name)
@@ -312,7 +314,7 @@ def steady(A: np.ndarray, model: StringModel, reference: float, torque: float) -
 
 
 def steady_string(A: np.ndarray, model: StringModel, sensors: np.ndarray) -> np.ndarray:
-    """The matrix that gives (x, T) of the steady string from what the sensors measure and the torque u: 0 = A x + B u - E T, C x = y, by least squares."""
+    """Return the matrix that maps sensors and torque u to (x, T) of the steady string: 0 = A x + B u - E T, C x = y, by least squares."""
     n, m = A.shape[0], sensors.shape[0]
     size = np.append(np.ones(n), 1e4)  # torques in 10 kN m
     still = 1e3 * np.column_stack([A, -model.E])  # the balance counts before the noise of the sensors

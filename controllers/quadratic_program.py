@@ -36,7 +36,7 @@ its limit. osqp and proxqp, which are of first order, are asked for 1e-8 and 1e-
 
 @dataclass(frozen=True)
 class Residuals:
-    """How far an answer is from optimal, each relative to the size of what it compares.
+    """Distance of an answer from the optimum, as fractions of the sizes of the compared terms.
 
     stationarity: |H z + g + y_z + A' y_A|;  violation: how far outside its bounds (z, A z) is;  complementarity: the largest multiplier times its distance
     from its bound. All are 0 at the optimum, and inf where the answer is not finite.
@@ -105,7 +105,7 @@ class QuadraticProgram:
         self._call.matrices(self.H, self.A)
 
     def solve(self, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> Answer:
-        """The answer for these vectors; it does not raise where there is none, but ends a run whose seconds are spent."""
+        """Return the answer for these vectors. An unsolvable program raises no error, but a run ends if its seconds are used up."""
         left = time_left()
         if not (np.isfinite(g).all() and not np.isnan(low).any() and not np.isnan(high).any()):
             nothing = np.full(g.size + self.A.shape[0], np.nan)
@@ -125,7 +125,7 @@ class QuadraticProgram:
 
 
 def interface(solver: str) -> Any:
-    """The class through which a solver is called."""
+    """Return the class that calls a solver."""
     own = {"osqp": _Osqp} | ({"daqp": _Daqp} if importlib.util.find_spec("daqp") else {})
     return own.get(solver, _Plugin)
 

@@ -18,7 +18,8 @@ SETTLED = 5.0
 
 
 class RockFilter(DisturbanceFilter):
-    """`DisturbanceFilter`, and while the bit turns an extended Kalman filter of (x, s), whose rock has the torque s times that of its law.
+    """`DisturbanceFilter` while the bit may rest. While the bit turns, an extended Kalman filter of (x, s), with s the torque of the rock
+    as a multiple of its friction law.
 
         x' = A x + B u - E s T(w_bit),   s' = 0 but for wandering by `strength_process_noise` in a second
 

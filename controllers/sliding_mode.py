@@ -64,7 +64,7 @@ class SlidingSurface(TorqueLimits):
             number("surface_gain", self.surface_gain, "1/s", above=0)
 
     def design(self, plant):
-        """The law with inertia and drag of the top drive read from the plant where they are not given."""
+        """Return the law with inertia and drag of the top drive from the plant, unless they are given."""
         try:
             inertia = self.inertia if self.inertia is not None else float(plant.parameter("chain.inertia")[0])
             drag = self.drag if self.drag is not None else plant.parameter("chain.top_drag")
@@ -83,7 +83,8 @@ class SlidingSurface(TorqueLimits):
         return rate, error + self.surface_gain * angle, equivalent
 
     def ahead(self, signal, period, unknown=0.0):
-        """(signal, memory): measurements with the top speed at which a command of this sample arrives, and what makes the memory of a command.
+        """Return (signal, memory): measurements with the top speed at the arrival of the command of this sample, and a function that makes
+        the memory of a command.
 
         unknown: acceleration of the top [rad/s2] that the model lacks.
         """
@@ -105,15 +106,15 @@ class SlidingSurface(TorqueLimits):
         return begun(update, signal, "slidingmode", {**starts, **waiting})
 
     def angle_at(self, signal, surface):
-        """The integral at which s has this value."""
+        """Return the integral for a given value of s."""
         return over(surface - self.terms(signal, 0.0)[1], self.surface_gain)
 
     def lacking(self, signal):
-        """What the equivalent control has beyond the torque that acts, in parts of J_r eta, cut at 1 either way."""
+        """Return the excess of the equivalent control over the acting torque, as a fraction of J_r eta, limited to -1 .. 1."""
         return ca.fmin(ca.fmax((self.terms(signal, 0.0)[2] - acting(signal)) / (self.inertia * self.reaching_rate), -1), 1)
 
     def taken_up(self, rate, wanted, command):
-        """Rate of the integral with what the drive cannot give."""
+        """Return the rate of the integral, corrected by the part of the command that the drive cannot give."""
         return rate if command is wanted else rate + (wanted - command) / (self.inertia * self.surface_gain)
 
 

@@ -92,7 +92,7 @@ def lumped_string(plant: HybridSystem, law: str, instead: str) -> LumpedString:
 
 
 def entries(matrix: np.ndarray) -> tuple[int, ...]:
-    """Places, counted row by row, at which a matrix is not zero: of a string of n elements some 4 n of them."""
+    """Return the indices, counted row by row, of the nonzero entries of a matrix. A string of n elements has about 4 n of them."""
     return tuple(np.flatnonzero(matrix).tolist())
 
 

@@ -66,7 +66,7 @@ class TorqueLimits(Controller):
         return {"top.torque": self.torque_rate}
 
     def clipped(self, wanted: Any) -> Any:
-        """The torque wanted, cut to what the drive can give."""
+        """Return the wanted torque, limited to the torque of the drive."""
         return clipped(wanted, self.lowest_torque, self.highest_torque)
 
     def limited(self, wanted: Any, period: Any = None) -> tuple[Any, dict[Any, Any]]:
@@ -83,7 +83,8 @@ class TorqueLimits(Controller):
 
     @staticmethod
     def led_back(error: Any, wanted: Any, command: Any, torque: Any, least: Any = None) -> Any:
-        """Rate of the integral of an error [rad/s] which is led back with (command - wanted) / torque; least: of that torque [N m s/rad], where sampled."""
+        """Return the rate of the integral of an error [rad/s], led back by (command - wanted) / torque. `least` is a lower bound of
+        `torque` [N m s/rad] for sampled laws."""
         if command is wanted:
             return error
         return error + (command - wanted) / (torque if least is None else ca.fmax(torque, least))

@@ -128,7 +128,7 @@ def sources_page() -> str:
     lines = [
         "# Sources",
         "",
-        "Made from the docstrings by `python docs/generate.py`. A source that is only named by authors and year is cited so where it is used.",
+        "Made from the docstrings by `python docs/generate.py`. If a docstring names only the authors and the year of a source, the list does too.",
         "",
         "## With a DOI",
         "",

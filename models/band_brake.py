@@ -19,7 +19,8 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, Sc
 
 @dataclass(frozen=True)
 class Wound(FrictionLaw):
-    """The friction of a band by the pull at its end: exp(mu angle) - 1 where it tightens itself (sense 1), 1 - exp(-mu angle) where it slackens (-1).
+    """Friction of a band as a fraction of the pull at its end: exp(mu angle) - 1 if the band tightens itself (sense 1), 1 - exp(-mu angle)
+    if it slackens (sense -1).
 
     `lining` is the friction mu(v) of the lining. Source: textbook (Euler-Eytelwein).
     """

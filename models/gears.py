@@ -73,12 +73,12 @@ class SteadyGears:
 
     @property
     def power(self) -> dict[str, float]:
-        """Power that each shaft puts in [W]; negative where it is taken out."""
+        """Power that each shaft puts in [W]; negative for a shaft that takes power out."""
         return {name: self.torque[name] * self.speed[name] for name in self.speed}
 
     @property
     def efficiency(self) -> float:
-        """Power out / power in [1]; nan where no power flows."""
+        """Power out divided by power in [1]; nan if no power flows."""
         power = np.array(list(self.power.values()))
         put_in = power[power > 0].sum()
         return float(-power[power < 0].sum() / put_in) if put_in > 0 else float("nan")

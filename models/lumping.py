@@ -64,7 +64,8 @@ class Lumping:
         return np.asarray(values)[np.clip(np.searchsorted(self.ends, s) - 1, 0, len(self.sections) - 1)]
 
     def shared(self, density: Callable[[np.ndarray], np.ndarray], breaks: Sequence[float] = ()) -> np.ndarray:
-        """What every node takes of a quantity with that density per length, a function of depth that is smooth between sections and `breaks`."""
+        """Return the share of every node of a quantity with the given density per length. The density is a function of depth, smooth
+        between sections and `breaks`."""
         edges = np.unique(np.clip([*self.nodes, *self.ends, *breaks], 0.0, self.ends[-1]))
         points, weights = np.polynomial.legendre.leggauss(8)
         half, middle = np.diff(edges) / 2, (edges[:-1] + edges[1:]) / 2

@@ -270,7 +270,8 @@ def read_survey(path: str | Path) -> Survey:
 
 
 def hole_of(given: Path | str | Survey, bottom: float) -> Survey:
-    """A survey that is given as a value or by its table. Raises SceneError for anything else, and where it ends above the bottom [m]."""
+    """Return the survey, given as a value or as the path of its table. SceneError is raised for anything else, and for a survey that ends
+    above the bottom [m]."""
     survey = read_survey(given) if isinstance(given, (str, Path)) else given
     if not isinstance(survey, Survey):
         raise SceneError(f"Argument `survey` must be the path of a table or a Survey, but it is {given!r}.")

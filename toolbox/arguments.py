@@ -196,7 +196,7 @@ def within(value: Any, bounds: Mapping[str, Any]) -> bool:
 
 
 def refuse(subject: str, value: Any, unit: str, bounds: Mapping[str, Any]) -> None:
-    """Raise SceneError, in which the subject begins the sentence, unless a value is a finite number `within` bounds in this unit."""
+    """Raise SceneError unless a value is a finite number `within` bounds in this unit. The message begins with the subject."""
     if within(value, bounds):
         return
     words = " and ".join(f"{sign} {bounds[key]:.6g}" for key, (_, sign) in _BOUNDS.items() if bounds.get(key) is not None)
@@ -324,6 +324,6 @@ def checked_range(bounds: Any, word: str = "bounds", unit: str = "1") -> tuple[f
 
 
 def short(value: Any) -> str:
-    """A value as it stands in an error message, cut where it is long."""
+    """Return the text of a value for an error message. A long text is cut."""
     text = repr(value)
     return text if len(text) < 60 else text[:56] + " ..."

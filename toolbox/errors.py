@@ -219,7 +219,27 @@ class ZenoError(SimulationError):
 
 
 class NoModes(SimulationError):
-    """Error for a run that reaches an instant without any combination of modes consistent with the forces. `run` is the trajectory so far."""
+    """Error for a run that reaches an instant without any combination of modes consistent with the forces. `run` is the trajectory so far.
+
+    Examples
+    --------
+    Two bodies meet their stops at 1 s. A lever doubles the force of each stop and pushes the other body into its own stop.
+
+    >>> from toolbox import Component, Equations, UnilateralContact, compose, simulate, state
+    >>> from toolbox.errors import NoModes
+    >>> class Levers(Component):
+    ...     def equations(self, signal):
+    ...         x, y = state("left.position", "m"), state("right.position", "m")
+    ...         v, w = state("left.speed", "m/s"), state("right.speed", "m/s")
+    ...         a, b = UnilateralContact("a", x, v, restitution=0.0), UnilateralContact("b", y, w, restitution=0.0)
+    ...         accelerations = {v: 1.0 - a.force + 2.0 * b.force, w: 1.0 - b.force + 2.0 * a.force}
+    ...         return Equations(flow={x: v, y: w, **accelerations}, elements=[a, b])
+    >>> try:
+    ...     simulate(compose(Levers()), "2 s", start={"left.position": -0.5, "right.position": -0.5})
+    ... except NoModes as error:
+    ...     print(f"{error.run.end:.2f} s")
+    1.00 s
+    """
 
 
 class ControllerError(SimulationError):

@@ -65,7 +65,8 @@ def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], li
 
 
 def refuse(package: str, name: str, where: str = "", caller: str = "") -> NoReturn:
-    """Raise the error of a name that a package does not have; where: the sentence that says what has it; caller: the function that asks.
+    """Raise the error for a missing name of a package. `where` is a sentence with the right place of the name, and `caller` the function
+    that asks.
 
     In an import statement it is an ImportError: of an AttributeError Python would take the type alone, and not its text.
     """
@@ -75,7 +76,8 @@ def refuse(package: str, name: str, where: str = "", caller: str = "") -> NoRetu
 
 
 def place_of(package: str, public: Collection[str], name: str) -> str:
-    """Return the sentence that says from which room or public module of a package, or of the package around a room, to import a name; empty if none has it."""
+    """Return a sentence that says from which package to import a name: a room, a public module, or the package around a room. Empty if no
+    package has the name."""
     from pkgutil import iter_modules  # here, because few programs need it
 
     from toolbox.vocabulary import NOW  # here, too
@@ -124,7 +126,8 @@ def warn_of_hidden(*packages: str) -> None:
 
 
 def public_names(module: ModuleType) -> list[str]:
-    """The public names of a package or a public module: those of its face, or else the functions and classes that it defines."""
+    """Return the public names of a package, by its face. For a public module without `__all__`, return the functions and classes defined
+    there."""
     listed = getattr(module, "__all__", None)
     defined = (name for name, thing in vars(module).items() if callable(thing) and getattr(thing, "__module__", "") == module.__name__)
     return [name for name in defined if not name.startswith("_")] if listed is None else list(listed)

@@ -438,3 +438,6 @@ ENTRIES = (
     Entry("stickslip-posterior", "--hole", "--max-gap", "largest gap, in samples"),
 )  # fmt: skip
 """The terms that replaced others. Exceptions stand in the docs."""
+
+FORMER_FIRST_WORDS = frozenset({"brake", "external", "held", "law", "lqr", "observer", "pi", "slidingmode"})
+"""First words that numbers of controllers of other classes had; they begin with the class in lowercase, or with the `name` of the controller, now."""

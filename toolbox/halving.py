@@ -38,7 +38,8 @@ def halved(holds: Callable[[float], bool], low: float, high: float, relative: fl
 def divided(
     hold: Callable[[list[float]], Iterable[bool]], low: float, high: float, parts: int, relative: float, absolute: float = 0.0
 ) -> tuple[float, float]:
-    """Divide an interval as `halved` halves it, into parts between which it is asked at once: what is asked side by side may cost no more than one value.
+    """Divide an interval like `halved`, but into several parts per step, with all inner points asked in one call. Useful if many values
+    side by side cost no more than a single value.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ def divided(
 
 
 def zero(function: Callable[[float], float], low: float, high: float, absolute: float, relative: float = ROUND_OFF) -> float:
-    """Find where a function is zero, between two values at which its signs differ.
+    """Find a zero of a function between two values with opposite signs of the function.
 
     Each step takes the inverse parabola through the last three points where that is sure to help, else the middle, after T. R. Chandrupatla, Advances in
     Engineering Software 28, 1997, 145-149. `scipy.optimize.brentq` finds the same in about as many steps, but its import

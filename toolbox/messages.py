@@ -35,7 +35,7 @@ def write_log_to_stderr() -> None:
 
 
 def complaint(text: str, code: int) -> int:
-    """Say what went wrong on stderr, in one line, and return the exit code."""
+    """Print a message about a failure on stderr, in a line, and return the exit code."""
     print(f"stickslip: {' '.join(text.split())}", file=sys.stderr)
     return code
 
@@ -57,7 +57,7 @@ def at_every_step(step: Callable[[], None]) -> Iterator[None]:
 
 
 def step_here() -> Callable[[], None] | None:
-    """What is called at every step of work in this thread; None where nothing is."""
+    """Return the function to call at every step of work in this thread, or None."""
     return _STEP.get()
 
 

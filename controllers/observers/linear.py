@@ -69,7 +69,7 @@ class StringObserver(Observer):
         raise NotImplementedError
 
     def design(self, plant):
-        """The observer with the model and gain of the plant, where they are not given."""
+        """Return the observer with the model and the gain of the plant. A given gain is kept."""
         if self.gain is not None:
             return self
         model = string_model(plant)
@@ -89,14 +89,14 @@ class StringObserver(Observer):
         )  # fmt: skip
 
     def begun(self, speed: Any, torque: Any) -> Any:
-        """The state of a string that turns steadily at a top speed under a torque: what is known when the observer begins."""
+        """Return the state of a string that turns steadily at a top speed under a torque, for the start of the observer."""
         if self.initial_state_map is None:
             raise SceneError(f"{type(self).__name__} needs the plant it observes: call `design(plant)`.")
         n = len(self.initial_state_map) // 2
         return ca.vertcat(*self.initial_state_map[:n]) * torque + ca.vertcat(*self.initial_state_map[n:]) * speed
 
     def injection(self, error: Any) -> Any:
-        """What the gain is multiplied with, given w_top - w_top_hat."""
+        """Return the factor of the gain, from the error w_top - w_top_hat."""
         return error
 
     def slope(self) -> float:
@@ -179,7 +179,7 @@ def one_step(rate: Any, x: Any, period: Any) -> Any:
 
 
 def refuse_swinging(law: str, rates: np.ndarray, period: float, remedy: str) -> None:
-    """Raise SceneError where states with these poles [1/s], none of which grows, would grow in Runge-Kutta steps of a period [s]."""
+    """Raise SceneError if states with these poles [1/s] grow in Runge-Kutta steps of a period [s], although none of the poles grows."""
 
     def swings(time: float) -> bool:
         return bool((np.abs(one_step(lambda z: rates * z, np.ones(rates.size), time)) > 1.0 + GROWN).any())
@@ -315,7 +315,8 @@ class DisturbanceObserver(StringObserver):
 
 
 def placed(A: np.ndarray, row: np.ndarray, polynomial: np.ndarray) -> np.ndarray:
-    """The gain L for which A - L row has this characteristic polynomial (leading one first): L = p(A) O^-1 e_n, O the observability matrix."""
+    """Return the gain L that gives A - L row this characteristic polynomial (leading one first): L = p(A) O^-1 e_n, O the observability
+    matrix."""
     n = A.shape[0]
     observability = np.array([row @ np.linalg.matrix_power(A, k) for k in range(n)])
     value = sum(coefficient * np.linalg.matrix_power(A, n - k) for k, coefficient in enumerate(polynomial))

@@ -123,7 +123,7 @@ def of_work_precision():
 
 
 def of_tuning():
-    return tune(RIG, StiffPI(reference=9.0), ("severity", "peak"), {"pi.proportional": (500.0, 2000.0)}, duration=30.0, runs=10)
+    return tune(RIG, StiffPI(reference=9.0), ("severity", "peak"), {"stiffpi.proportional": (500.0, 2000.0)}, duration=30.0, runs=10)
 
 
 def of_fit():

@@ -526,7 +526,7 @@ def test_a_law_of_the_user_is_a_law():
 
 def test_a_composed_controller_is_designed_on_the_plant_it_joins():
     plant = compose(wells.JANSEN_2, BitRock(), SoftTorque())
-    assert plant.parameter("pi.proportional") == pytest.approx(math.sqrt(473.0 * 374.0), rel=1e-12)
+    assert plant.parameter("softtorque.proportional") == pytest.approx(math.sqrt(473.0 * 374.0), rel=1e-12)
 
 
 def test_equations_that_decide_in_python_on_a_number_are_refused_with_the_name_of_the_part():

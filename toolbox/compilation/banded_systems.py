@@ -43,12 +43,13 @@ class Banded:
 
     @property
     def band(self) -> int:
-        """Place among the values where the rows of the band begin."""
+        """Index of the first value of the band."""
         return self.values.numel() - len(self.others) * (2 * self.width + 1)
 
 
 class Split(NamedTuple):
-    """Unknowns that are eliminated first, none of which depends on another, and the others in their order, which leaves a band of this half width."""
+    """Unknowns that are eliminated first, independent of each other, and the other unknowns in an order that leaves a band of half width
+    `width`."""
 
     apart: list[int]
     others: list[int]
@@ -56,7 +57,7 @@ class Split(NamedTuple):
 
 
 def split(pattern: ca.Sparsity) -> Split | None:
-    """How the unknowns of a matrix of this pattern are eliminated; None where what is left is no narrow band."""
+    """Return the order of elimination for a matrix of this pattern. None if elimination leaves no narrow band."""
     apart, others = _apart(pattern)
     if not others:
         return None
@@ -152,7 +153,8 @@ def factor_text(width: int, rows: int) -> str:
     near = {side: [[_number(text, "0.0") for _ in range(width + 1)] for _ in range(width)] for side in (1, -1)}
 
     def finished(entries: dict[int, str], here: str, towards: Sequence[int]) -> tuple[str, ...]:
-        """Store what a row leaves, its entries scaled, so that one operation is left between neighbours, which wait for each other in a solution."""
+        """Store the results of a row with its entries scaled. In a solution, neighbours wait for each other, and the scaling leaves a
+        single operation between them."""
         text.store(_lesser(text, text.load(low), entries[0]), low)
         inverse = text.value(f"fdiv double 1.0, {entries[0]}")
         text.store(inverse, text.at(here, str(width)))

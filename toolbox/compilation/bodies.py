@@ -24,7 +24,8 @@ def arguments_of(body: Body, function: ca.Function) -> list[list[str]]:
 
 
 def operations(function: ca.Function) -> int:
-    """Instructions of a function, with those of the dense systems that it solves, once there are factors."""
+    """Return the number of operations of a function. A dense system of n equations that the function solves counts 2 n^2, because its
+    factors are known."""
     return function.n_instructions() + sum(2 * size_solved(called.name())[0] ** 2 for called in calls(function).values())
 
 
@@ -34,7 +35,7 @@ def is_long(function: ca.Function) -> bool:
 
 
 def body_of(name: str, function: ca.Function, offset: int = 0) -> Body:
-    """The function of `plain_body`, as loops where it is long."""
+    """Return the body of a function as by `plain_body`. A long function is written in loops."""
     return rolled_body(name, function, offset) if is_long(function) else plain_body(function, offset)
 
 
@@ -49,7 +50,8 @@ def slope_bodies(body: Body, rhs: ca.Function) -> tuple[dict[str, Body], str]:
 
 
 def end_bodies(field: ca.Function, n: int) -> tuple[dict[str, Body], str]:
-    """The function that a step calls at its end, and its name: that of the kernel itself where it is in loops."""
+    """Return the body and the name of the function that a step calls at its end. If the kernel is in loops, this is its own function
+    `field`."""
     return ({"ends": plain_body(field, n)}, "ends") if not is_long(field) else ({}, "field")
 
 

@@ -351,7 +351,8 @@ def _library(text: str, names: Sequence[str], large: bool, side_by_side: bool) -
 
 
 def linked(title: str, image: bytes, names: Sequence[str], others: Mapping[str, int] = MappingProxyType({})) -> Any:
-    """Object code made ready to be called: its functions `names`, which can call those of libm and others at the addresses given."""
+    """Link object code and return its functions `names`, ready to be called. The code may call functions of libm, and the other functions
+    at the given addresses."""
     import llvmlite.binding as llvm
 
     library = llvm.JITLibraryBuilder().add_object_img(image).add_current_process()
@@ -390,7 +391,7 @@ def register_width() -> int:
 
 
 def compiler() -> str:
-    """Versions of what writes machine code, and the kind of machine that it writes for."""
+    """Return the versions of the compiler and the kind of its target machine."""
     import llvmlite
     import llvmlite.binding as llvm
 

@@ -50,7 +50,7 @@ class ClosedEquations:
 
     @cached_property
     def field(self) -> ca.Function:
-        """One column of slopes, guards and guard rates."""
+        """Casadi Function for the slopes, guards and guard rates, in a single column."""
         return self.function("field", ca.vertcat(*map(ca.densify, (self.form.field, self.form.guards, self.form.guard_rates))))
 
     @cached_property
@@ -98,7 +98,7 @@ class Formulas:
 
     @property
     def instead(self) -> Formulas:
-        """The formulas for a plant for which these have no step."""
+        """Formulas for a plant that these formulas cannot step."""
         return self
 
     def step(self, equations: ClosedEquations) -> StepCode | str:
@@ -106,5 +106,5 @@ class Formulas:
         raise NotImplementedError
 
     def may_miss_peaks(self, equations: ClosedEquations) -> bool:
-        """Whether a step may be so long that it passes over what happens in time, unless something bounds it."""
+        """Return whether a step without a bound on its length may pass over a short peak in time."""
         return True

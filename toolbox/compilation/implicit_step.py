@@ -76,8 +76,9 @@ class Rosenbrock(Formulas):
 
 
 class LinearAlgebra(NamedTuple):
-    """Functions of a step: `prepare` writes [df/dt | what a solution needs, `size` numbers | > 0 where the step may stand], `solve` replaces a right side y
-    by the solution with that as x; the text of what they call; the operations of (factors, one solution)."""
+    """Functions of an implicit step. `prepare` writes df/dt, `size` numbers for a solution, and a number > 0 if the step is possible.
+    `solve` reads these numbers as its argument x and replaces a right side y by the solution. `text` holds the functions that both call.
+    `cost` holds the operations of the factors and of a solution."""
 
     prepare: Body
     solve: Body
@@ -161,7 +162,7 @@ def _in_loops(made: Banded, given: list[ca.SX], drift: ca.SX, diagonal: ca.SX, p
 
 
 def linearised(x: ca.SX, force: ca.SX, form: Switching) -> tuple[ca.SX, ca.SX]:
-    """What the matrix of a step is the derivative of, and by what."""
+    """Return the expressions whose derivative is the matrix of a step, and the variables of the derivative."""
     if form.balance.numel():
         return ca.vertcat(form.open_field, form.balance), ca.vertcat(x, force)
     return form.field, x

@@ -37,7 +37,8 @@ def cache_directory() -> Path:
 
 
 def trusted(folder: Path) -> bool:
-    """Whether nobody but the user, and root, can put code into a folder, or into those that are to be made for it; where somebody can, that is said once."""
+    """Return whether only the user and root can put code into a folder, or into the parents in which the folder is to be made. A fault is
+    reported once."""
     if not hasattr(os, "geteuid"):
         return True
     given = Path(os.path.abspath(folder))
@@ -78,7 +79,8 @@ def _private_group(found: os.stat_result) -> bool:
 
 
 def kept(path: Path) -> bytes | None:
-    """The code of a file, which counts as used just now; None where there is none, the file is damaged, or others may have written it."""
+    """Return the code of a file, and mark the file as used now. None if the file is missing, is damaged, or may have been written by
+    others."""
     if not os.path.lexists(path) or not trusted(path.parent):
         return None
     try:
@@ -95,7 +97,8 @@ def kept(path: Path) -> bytes | None:
 
 
 def keep(path: Path, code: bytes) -> bool:
-    """Write a file of code into a folder for its user alone, and return whether it is there; one that cannot be written is only told to the log."""
+    """Write a file of code into a folder for its user alone, and return whether the file was written. A failure is only written to the
+    log."""
     if not trusted(path.parent):
         return False
     try:

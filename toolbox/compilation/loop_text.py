@@ -56,6 +56,6 @@ class LoopText:
         self.lines.append(f"  store {kind} {value}, ptr {place}, align 8")
 
     def function(self, name: str, arguments: str, result: str = "") -> str:
-        """The text, with the name of a number where the function gives one."""
+        """Return the text of the function. `result` names the number that the function returns, if any."""
         kind, end = ("double", f"  ret double {result}") if result else ("void", "  ret void")
         return "\n".join([f"define internal {kind} @{name}({arguments}) nounwind {{", *self.lines, end, "}"])

@@ -44,7 +44,7 @@ def announced(name: str, *functions: Any) -> bool:
 
 
 def announced_code(instructions: int) -> bool:
-    """Say that the equations of a model are being written in so many instructions, where that takes seconds; returns whether it was said."""
+    """Report the number of instructions of a model if writing them takes seconds, and return whether it was reported."""
     if instructions > LONG:
         LOG.info("writing the equations as %s machine instructions ...", f"{instructions:,}")
     return instructions > LONG

@@ -37,7 +37,7 @@ class NoSeries(Exception):
 
 
 class Series:
-    """Coefficients of one value, as names in a body; None is zero. One that does not change has coefficient 0 alone."""
+    """Taylor coefficients of a value, as names in a body; None is zero. A constant value has coefficient 0 only."""
 
     def __init__(self, body: Body, first: Value, varies: bool):
         self.body = body
@@ -50,7 +50,7 @@ class Series:
         self.c.append(self.next(k) if self.varies else None)
 
     def next(self, k: int) -> Value:
-        """Coefficient k from what is known."""
+        """Return coefficient k from the known coefficients."""
         raise NotImplementedError
 
     def at(self, k: int) -> Value:
@@ -134,7 +134,7 @@ class Multiple(Series):
 
 
 def unscaled(u: Series) -> tuple[Series, Value]:
-    """The value of which u is a multiple, and the factor; u itself and None where it is no multiple."""
+    """Return (v, factor) with u = factor * v; (u, None) if u is no multiple."""
     return (u.a, u.factor) if isinstance(u, Multiple) else (u, None)
 
 
@@ -221,7 +221,7 @@ class _Slope(Series):
 
 
 class Integral(Series):
-    """w with w' = r u', where r is known one order behind, times a factor."""
+    """w with w' = factor * r u'. The coefficients of r are known to the order before."""
 
     def __init__(self, body: Body, first: Value, u: Series, rate: Series | None, factor: float = 1.0, also: str | None = None):
         super().__init__(body, first, True)
@@ -286,7 +286,7 @@ class Power(Series):
 
 
 class Sided(Series):
-    """One of two values, by the side on which a kink's argument is just after the start; fabs(a) is one of a and -a."""
+    """A value chosen from two values by the sign of the argument of a kink just after the start. fabs(a) is a or -a."""
 
     def __init__(self, body: Body, first: str, argument: Series, above: Series, below: Series, look: str):
         super().__init__(body, first, True)
@@ -313,7 +313,8 @@ class Sided(Series):
 
 
 class DenseSystem:
-    """The unknowns y of A y = r with a matrix that does not change: every coefficient of r gives that of y by one solution with the same factors."""
+    """Unknowns y of A y = r with a constant matrix. Each coefficient of r gives the coefficient of y by a solution with the same
+    factors."""
 
     def __init__(self, body: Body, n: int, matrix: Sequence[Series], right: Sequence[Series]):
         self.body, self.n, self.right = body, n, right

@@ -74,7 +74,7 @@ class Program:
 
     @cached_property
     def bound(self) -> np.ndarray:
-        """What changes the bound of each element during a run."""
+        """Cause of a change of the bound of each element during a run, as an integer of `work_layout`."""
         from toolbox.compilation import work_layout
 
         found = np.full(len(self.kind), work_layout.BY_NUMBERS, np.int64)
@@ -83,7 +83,8 @@ class Program:
         return found
 
     def lacking(self, formulas: Formulas, kinds: tuple[tuple[str, Any], ...]) -> str:
-        """Why a run that asked for these formulas steps by those of this program; empty where it steps by them."""
+        """Return the reason why a run uses the formulas of this program instead of the formulas that it asked for. Empty if they are the
+        same."""
         if self.formulas == formulas:
             return ""
         return f"{self.formulas.steps}: {self.system.cache['lacking', ('program', kinds, formulas.name)]}"
@@ -116,7 +117,7 @@ class Program:
 
     @cached_property
     def ints(self) -> np.ndarray:
-        """What the compiled loops ask of a program: its sizes and addresses, at their places in `Work.ints`."""
+        """Sizes and addresses for the compiled loops, at their places in `Work.ints`."""
         from toolbox.compilation import work_layout
 
         kernel, ints = self.kernel, np.zeros(work_layout.INTS, np.int64)

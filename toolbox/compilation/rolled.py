@@ -49,7 +49,7 @@ class Node(NamedTuple):
 
 @dataclass
 class Group:
-    """Cells of one shape at one level: their roots, and what they read, per cell in the same order."""
+    """Cells of equal shape at a level: their roots, and the nodes that they read, in the same order for every cell."""
 
     level: int
     fixed: bool
@@ -140,7 +140,7 @@ class Rolled:
         self.size = self._place()
 
     def is_leaf(self, node: int) -> bool:
-        """Whether a node is read where it lies."""
+        """Return whether a node is read from an array without computation."""
         return self.nodes[node].op in (ca.OP_INPUT, ca.OP_CONST, PART)
 
     def _owners(self) -> list[int]:
@@ -237,7 +237,7 @@ class Rolled:
         return size
 
     def at(self, node: int) -> int:
-        """The place of what is read, in its array."""
+        """Return the index of a read value in its array."""
         entry = self.nodes[node]
         if entry.op == PART:
             return self.slot[entry.args[0]] + entry.args[1]
@@ -266,7 +266,7 @@ def rolled_slope(rhs: ca.Function) -> tuple[RolledBody, RolledBody, int]:
 
 
 class RolledBody(Body):
-    """Text of one function whose instructions are those of a `Rolled`, in loops."""
+    """Text of a function with the instructions of a `Rolled`, in loops."""
 
     attributes = "nounwind noinline"  # so that a value is the same number wherever the function is called
     pointer = "ptr noalias"  # arrays of their own, so that loops may be done on several cells at once
@@ -278,11 +278,12 @@ class RolledBody(Body):
         self.known: dict[tuple[str, int], str] = {}
 
     def call(self, name: str, *args: str) -> str:
-        """Call a function, or write it out where a polynomial does for it: a loop that calls is not done on several cells at once."""
+        """Call a function, or write out its polynomial if it has one. A loop with a call cannot handle several cells at once."""
         return POLYNOMIALS[name](self, *args) if name in POLYNOMIALS else super().call(name, *args)
 
     def write(self, rolled: Rolled, cells: str, target: str, offset: int, parts: tuple[bool, ...] = (True, False)) -> None:
-        """Write the cells, those that are fixed or not as `parts` says, and the results from an offset in an array on."""
+        """Write the cells and the results, the results from an offset in an array on. `parts` chooses fixed cells, cells that are not
+        fixed, or both."""
         self.rolled, self.cells, self.known = rolled, cells, {}
         for group in rolled.groups:
             if group.fixed not in parts:

@@ -18,7 +18,8 @@ VERSIONED = {"llvmlite", "numpy"}
 
 
 def stamp_of(function: Any, *besides: Any) -> str:
-    """A number, in hexadecimal digits, of a function, of all that it calls and reads, and of what else is given, such as versions."""
+    """Return a hash, in hexadecimal digits, of a function, of everything that it calls and reads, and of additional values such as
+    versions."""
     found = hashlib.sha256(repr(besides).encode())
     for text in sorted(f"{_name(each)} {_digest(each)}" for each in followed(function)):
         found.update(text.encode() + b"\n")

@@ -47,7 +47,7 @@ class VectorBody(Body):
         self.lines.append(f"  store {self.type} {value}, ptr {self._place(pointer, index)}, align {min(8 * self.width, 64)}")
 
     def store_bits(self, truth: str, pointer: str, index: int) -> None:
-        """Write truths as one integer, the first lane in its lowest bit, where an item of a block begins."""
+        """Write truth values as an integer at the beginning of an item of a block. The first lane is the lowest bit."""
         bits = self.value(f"bitcast {self.references} {truth} to i{self.width}")
         bits = self.value(f"zext i{self.width} {bits} to i64") if self.width < 64 else bits
         self.lines.append(f"  store i64 {bits}, ptr {self._place(pointer, index)}")
@@ -72,7 +72,8 @@ class VectorBody(Body):
         return inlined_call(self, function, values)
 
     def lane_by_lane(self, name: str, *args: str) -> str:
-        """Call a scalar function of libm for every lane: in a function of its own, for the sake of the registers where this is not written to be taken."""
+        """Call a scalar function of libm for every lane. The calls stand in a function of their own, so that the usual path without them
+        keeps its registers."""
         given = [f"%x{i}" for i in range(len(args))]
         each = VectorBody(self.width)
         result = "poison"
@@ -86,14 +87,14 @@ class VectorBody(Body):
 
     # --- memory that every lane reads at a place of its own
     def gather(self, pointer: str, places: str, flag: str) -> str:
-        """The doubles at `places` (integers) of an array, in the lanes where it is true; 0 elsewhere."""
+        """Return the doubles at `places` (integers) of an array in the lanes whose `flag` is true; 0 in other lanes."""
         self.declarations.add(f"declare {self.type} @llvm.masked.gather.{self.suffix}.{self._pointers(True)}")
         target = self._pointed(pointer, places)
         last = f"<{self.width} x ptr> {target}, i32 8, {self.references} {flag}, {self.type} zeroinitializer"
         return self.value(f"call {self.type} @llvm.masked.gather.{self.suffix}.v{self.width}p0({last})")
 
     def scatter(self, value: str, pointer: str, places: str, flag: str) -> None:
-        """Write to `places` (integers) of an array from the lanes where it is true."""
+        """Write to `places` (integers) of an array from the lanes whose `flag` is true."""
         self.declarations.add(f"declare void @llvm.masked.scatter.{self.suffix}.{self._pointers(False)}")
         target = self._pointed(pointer, places)
         given = f"{self.type} {value}, <{self.width} x ptr> {target}, i32 8, {self.references} {flag}"
@@ -114,7 +115,7 @@ class VectorBody(Body):
 
     # --- memory, blocks and functions of the lanes' own
     def place(self, word: str, size: int | None = None) -> str:
-        """Memory for one vector, or for `size` of them, made where the function begins; returns its address."""
+        """Reserve memory for a vector, or for `size` vectors, at the beginning of the function, and return its address."""
         name = f"%{word}{self.count}"
         self.count += 1
         room = f"{self.type}, align {min(8 * self.width, 64)}" if size is None else f"[{size * self.width} x double], align 64"
@@ -122,11 +123,11 @@ class VectorBody(Body):
         return name
 
     def renewed(self, pointer: str) -> str:
-        """The same address as one that the optimiser does not know, so that it keeps nothing that it has loaded from there."""
+        """Return the same address under a name that the optimiser does not know. Values loaded from the old name are then loaded again."""
         return self.value(f'call ptr asm "", "=r,0"(ptr {pointer})')
 
     def spread(self, pointer: str, place: int) -> str:
-        """One double of an array, in every lane."""
+        """Return a vector with the same double of an array in every lane."""
         one = self.value(f"load double, ptr {self.value(f'getelementptr double, ptr {pointer}, i64 {place}')}")
         first = self.value(f"insertelement {self.type} poison, double {one}, i64 0")
         return self.value(f"shufflevector {self.type} {first}, {self.type} poison, <{self.width} x i32> zeroinitializer")
@@ -140,7 +141,7 @@ class VectorBody(Body):
         self.lines += [f"  br i1 {flag}, label %{yes}, label %{no}", f"{following}:"]
 
     def from_block(self, truth: str, there: str, here: str) -> str:
-        """Truths where the block before is `there`, false where it is `here`."""
+        """Return the truth values if the previous block was `there`, and false if the previous block was `here`."""
         return self.value(f"phi {self.references} [ {truth}, %{there} ], [ zeroinitializer, %{here} ]")
 
     def keep_function(self, name: str, written: VectorBody) -> None:
@@ -213,7 +214,8 @@ class VectorBody(Body):
 
 
 def function_text(name: str, body: VectorBody, others: Sequence[str] = ()) -> str:
-    """One exported function on a block of lanes and `others` arrays, with the vector functions that it calls in `body.functions`."""
+    """Return the text of an exported function on a block of lanes and on `others` arrays. Vector functions that it calls stand in
+    `body.functions`."""
     pointers = ", ".join(f"ptr %{word}" for word in ("lanes", *others))
     return "\n".join([f"define void @{name}({pointers}) nounwind alignstack(64) {{", "entry:", *body.lines, "  ret void", "}"])
 

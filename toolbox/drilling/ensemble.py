@@ -446,7 +446,7 @@ class Pace(NamedTuple):
 
 
 class Members(NamedTuple):
-    """One row for each member: its numbers, inputs and states, which are moved, and its modes."""
+    """A row for each member: its numbers, its inputs, its states and its modes. The states are moved in place."""
 
     table: np.ndarray
     driven: np.ndarray

@@ -28,7 +28,7 @@ def window_diagram(
     ends: tuple[float, float],
     axes: Any = None,
 ) -> Any:
-    """The window of every depth: where the machine is free, where it is smooth only undisturbed, where it sticks and slips. Returns the axes.
+    """Draw the window of every depth: free, smooth only without a disturbance, and stick-slip. The axes are returned.
 
     labels: of the first and the second number;  titles: of the pictures;  along: values of the second number;  smooth, free: borders of the first one, shape
     (pictures, along), -inf for the whole range and inf for nowhere;  at: working points;  ends: of the range of the first number.
@@ -98,7 +98,8 @@ def set_point_diagram(rows: Sequence[tuple[str, str, str, float, float]], highes
 def answer_diagram(
     rows: Sequence[tuple[str, Mapping[str, float], float]], at: float, bounds: tuple[float, ...], unit: str, ax: Any = None
 ) -> Any:
-    """Lowest set-points of controllers as marks, one line per controller, one kind of mark per start, and where its own stick-slip ends. Returns the ax.
+    """Draw the lowest set-points of controllers as marks, a line per controller and a kind of mark per start, and the end of the
+    controller's own stick-slip. The axes are returned.
 
     rows: (controller, {start: lowest set-point or nan}, end of the own stick-slip: nan without any, inf beyond the range);  at: the set-point of the scene.
     """
@@ -164,7 +165,7 @@ def schedule_diagram(
     axes: Any = None,
     unit: str = "m",
 ) -> Any:
-    """Every gain over depth, and the disk margin at the depths that were checked, with those at which runs fail. Returns the axes.
+    """Draw every gain over depth, and the disk margin at the checked depths. Depths with failed runs are marked. The axes are returned.
 
     Parameters
     ----------

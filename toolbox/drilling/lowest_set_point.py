@@ -45,7 +45,7 @@ ANSWERING = (0, 1, 2, 3, 4, 7, 13, 14)
 
 
 class Cells:
-    """Outcomes that are known, kept in a file of JSON lines, so that a search that was stopped goes on where it was.
+    """Known outcomes, kept in a file of JSON lines, so that a stopped search continues.
 
     path: of the file, or None for none.  A line that was not finished is left out. The machine and the numbers of the laws are part of the key: another law of
     the same label is judged anew.  say: called with a line of text, behind `place`, for each new outcome;  asked: {unit: unit in which it tells}.
@@ -380,7 +380,8 @@ class LowestSetPoints(Result):
 
 
 def chosen_groups(trial: Trial, groups: Sequence[str | Group], margin: float | None = None) -> list[Group]:
-    """The groups of a trial by their names, with the noise of its loop; those that its machine does not have are left out, groups of one's own stay.
+    """Return the groups of a trial by their names, with the noise of its loop. Groups that the machine does not have are left out; groups
+    given as values are kept.
 
     margin: disk margin that their borders have to leave.
     """

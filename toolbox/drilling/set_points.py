@@ -56,7 +56,7 @@ PROTOCOLS = ("takeover", "ramp")
 
 @dataclass(frozen=True)
 class Outcome(Renamed):
-    """What came of a group of machines at a set-point.
+    """Result of a group of machines at a set-point.
 
     Attributes
     ----------
@@ -93,7 +93,8 @@ class Outcome(Renamed):
 
 @dataclass(frozen=True)
 class Watch(Component):
-    """What is read of a drive beside means: the square of its torque, and 1 where it is at a limit, where the top or a lifted set-point is 10 % too high."""
+    """Signals of a drive for the verdict: the square of its torque, 1 while the torque is at a limit, 1 while the top speed is 10 % too
+    high, 1 while the lifted set-point is."""
 
     lowest: Quantity = quantity(-1e30, "N m", "lowest torque")
     highest: Quantity = quantity(1e30, "N m", "highest torque")
@@ -109,7 +110,7 @@ class Watch(Component):
 
 
 def limits_of(law: Any) -> dict[str, float]:
-    """The limits [N m] of the torque that a law knows, its own or those of the law inside of it."""
+    """Return the limits [N m] of the torque that a law has, or the limits of the law inside of it."""
     own = {name: getattr(law, f"{name}_torque", None) for name in ("lowest", "highest")}
     if any(own.values()):
         return {name: value for name, value in own.items() if value is not None}
@@ -144,7 +145,7 @@ class Trial:
 
     @cached_property
     def clock(self) -> Sampled:
-        """The sampled law of the loop. Raises SceneError where there is another law, or none."""
+        """Sampled law of the loop. SceneError is raised if the loop has another kind of law, or none."""
         laws = self.loop.controllers
         if len(laws) != 1 or not isinstance(laws[0], Sampled) or "top.torque" not in self.loop.plant.inputs:
             raise SceneError(
@@ -177,11 +178,12 @@ class Trial:
         return self.loop.label or type(self.clock.law).__name__
 
     def place(self, name: str) -> str:
-        """The number of a loop with the law that a number of the machine is: what is asked of the weight, where the law drives `bit.weight` itself."""
+        """Return the name in the loop of a number of the machine. The weight becomes `weight.reference` if the law commands `bit.weight`
+        itself."""
         return "weight.reference" if name == "bit.weight" and name in getattr(self.clock.law, "actuated_signals", ()) else name
 
     def key(self, reference: float) -> list[Any]:
-        """What tells this trial at a set-point from others, as text and numbers."""
+        """Return texts and numbers that distinguish this trial at a set-point from others."""
         clock = replace(self.clock, law=None)  # type: ignore[arg-type]
         laws = [repr(self.of(reference)), repr(at_set_point(self.before, reference))]
         bare = _bare(self.loop)
@@ -255,7 +257,7 @@ class Trial:
     def run(
         self, machine: Machine, reference: float, noise: float = 0.01, seed: int = 0, phase: float = 0.0, duration: float = 180.0
     ) -> Trajectory:
-        """One run of the law that takes over at a set-point, so long [s] from the first release that a law may take over at on.
+        """Simulate a takeover of the law at a set-point. The duration [s] counts from the first release after which a law may take over.
 
         Raises SimulationError where it cannot be finished.
         """
@@ -265,7 +267,7 @@ class Trial:
         return simulate(self.off(loop, machine), duration + (self.cycle(reference).release if self.in_python(reference) else 0.0))
 
     def outcome(self, group: Group, reference: float, way: str = "takeover") -> Outcome:
-        """What comes of the law on a group of machines; stops at the first sweep that holds a failure."""
+        """Return the outcome of the law on a group of machines. The search stops at the first sweep with a failure."""
         growth = math.nan
         if group.judged_time >= LASTING:
             growth, where = self.growth(group.machines, reference)
@@ -284,7 +286,7 @@ class Trial:
         return Outcome(True, "", runs, growth_rate=growth, **most)
 
     def attempts(self, group: Group, reference: float, way: str = "takeover") -> Iterator[tuple[list[str], dict[str, np.ndarray]]]:
-        """(which runs failed and why, what was measured of each) of one batch of runs after the other.
+        """Yield (failed runs with reasons, metrics of each run) of each batch of runs.
 
         As many seeds as fill the lanes come before all others, because most failures show with them.
         """
@@ -369,7 +371,8 @@ class Trial:
         return self.on(machine, law, inputs=self.inputs(reference))
 
     def growth(self, machines: Sequence[Machine], reference: float) -> tuple[float, str]:
-        """The largest rate [1/s] at which a small disturbance of smooth running grows at a set-point, and on which machine; nan where none is known."""
+        """Return the largest rate [1/s] at which a small disturbance of smooth running grows at a set-point, and the machine with this
+        rate; nan if no rate is known."""
         from toolbox.onsets.coming_to import Settled
 
         key = (tuple(machines), reference)
@@ -380,7 +383,8 @@ class Trial:
         return self._found[key]
 
     def disk_margins(self, machines: Sequence[Machine], reference: float) -> tuple[float, float, str]:
-        """The disk margin on the declared machine at a set-point [rad/s], the smallest over others, and of which; nan where the law has no slope."""
+        """Return the disk margin of the declared machine at a set-point [rad/s], the smallest disk margin of the other machines, and its
+        machine. nan if the law has no slope."""
         from toolbox.robustness.margins import disk_margin
 
         found = []
@@ -406,11 +410,15 @@ def _measures(loop: ClosedLoop, begun: float, after: float) -> dict[str, Any]:
     """{name: measure} of what a run is judged by: from the takeover at `begun` on, or from `after` on."""
     from toolbox.measuring import metrics
 
+    # a controller that holds `Lifting` has its word before these signals
+    lifts, relief = (
+        next((each for each in loop.system.signals if f".{each}".endswith(f".lifting.{word}")), "") for word in ("lifts", "relief")
+    )
     lifting = {
-        "max_lifts": ("lifting.lifts", metrics.maximum("lifting.lifts", begun)),
-        "before": ("lifting.lifts", metrics.minimum("lifting.lifts", after)),
-        "lifted": ("lifting.lifts", metrics.mean("watch.lifted", after)),
-        "max_weight_relief": ("lifting.relief", metrics.mean("lifting.relief", begun)),
+        "max_lifts": (lifts, metrics.maximum(lifts, begun)),
+        "before": (lifts, metrics.minimum(lifts, after)),
+        "lifted": (lifts, metrics.mean("watch.lifted", after)),
+        "max_weight_relief": (relief, metrics.mean(relief, begun)),
     }
     last = {"speed": "bit.speed", "torque": "top.torque", "square": "watch.square", "limited": "watch.limited"}
     return {
@@ -420,7 +428,7 @@ def _measures(loop: ClosedLoop, begun: float, after: float) -> dict[str, Any]:
         "max_bit_speed": metrics.maximum("bit.speed", begun),
         "max_torque": metrics.maximum("top.torque", begun),
         **{name: metrics.mean(of, after) for name, of in last.items()},
-        **{name: each for name, (of, each) in lifting.items() if loop.system.has_signal(of)},
+        **{name: each for name, (of, each) in lifting.items() if of},
     }
 
 
@@ -442,7 +450,7 @@ def _failed(
 
 
 def verdict(numbers: Mapping[str, float], reference: float, noise: float, varying: bool = False, lasting: bool = False) -> str:
-    """Why a run is no success, given seconds stuck and means of what was watched; empty where it is one."""
+    """Return the reason of a failed run, from the seconds stuck and the means of the watched signals; empty for a success."""
     if is_stick(numbers["stuck"]):
         return f"stuck {numbers['stuck']:.3g} s"
     off = numbers["speed"] / reference - 1.0
@@ -459,7 +467,7 @@ def verdict(numbers: Mapping[str, float], reference: float, noise: float, varyin
 
 
 def set_point(reference: float, way: str, begin: float) -> tuple[Any, float]:
-    """(input, end) of the set-point [rad/s] over time where every law has taken over by `begin` [s]; `end` [s] is its last change."""
+    """Return the set-point [rad/s] over time as an input, and the time [s] of its last change. Every law has taken over by `begin` [s]."""
     if way == "takeover":
         return reference, begin
     top = max(LIFTED, reference)
@@ -498,5 +506,7 @@ def _cycle(bare: ClosedLoop, before: Controller, reference: float) -> Cycle:
     release = released[-1] if sticks else 200.0
     point = run.at(release)
     memory = [name for update in loop.system.updates for name in update.places]
-    start = {name: point[name] for name in bare.plant.states} | {f"before.{name}": point[name] for name in memory}
+    start = {name: point[name] for name in bare.plant.states} | {
+        f"takeover.before.{name.partition('.')[2]}": point[name] for name in memory
+    }
     return Cycle(start, float(released[-1] - released[-2]) if sticks else 8.0, float(release), sticks)

@@ -24,7 +24,7 @@ from toolbox.files.units import NumberOrText
 from toolbox.messages import sign_of_life
 from toolbox.modelling.clamps import passing_nan
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
-from toolbox.modelling.components import Slot, check_fields, law_of, numbers_of, rebuilt, symbolic_copy
+from toolbox.modelling.components import Slot, check_fields, first_word, law_of, numbers_of, own_word, rebuilt, remembered, symbolic_copy
 from toolbox.modelling.elements import State, time
 from toolbox.modelling.laws import Controller, Sampled, check_sampled, names
 from toolbox.modelling.observers import Observer
@@ -34,7 +34,7 @@ from toolbox.vocabulary import new_names_only
 
 @dataclass(frozen=True)
 class OpenLaw:
-    """A law by itself, with numbers in place of its parameters: what it reads, its memory, and what it gives.
+    """A law by itself, with numbers in place of its parameters: its inputs, its memory, and its outputs.
 
     reads: {signal: (symbol, unit, default or None)}, those without default first, in the order in which the law asks, what it drives itself as
     `<signal>.held`, the value held until the sample;  memory: its states;
@@ -89,7 +89,8 @@ def only_law(loop: ClosedLoop) -> tuple[Any, float | None]:
 
 
 def opened(law: Any, period: float | None, gains: bool = False) -> OpenLaw:
-    """A law by itself, sampled or (None) continuous, with all its numbers or, for `gains`, with symbols for those that it computes with.
+    """Return a law by itself, sampled or (None) continuous. Its numbers are constants; `gains` makes symbols of the numbers with which it
+    computes.
 
     Raises SceneError where it has no equations of that kind.
     """
@@ -119,11 +120,15 @@ def opened(law: Any, period: float | None, gains: bool = False) -> OpenLaw:
     if period is None:
         equations = law.continuous(signal)
         if equations.elements:
-            raise SceneError(f"{title} switches by a set-valued element, `{equations.elements[0].name}`, and has no form without it.")
+            element = remembered(equations.elements[0].name, own_word(law, equations.flow), first_word(law))
+            raise SceneError(f"{title} switches by a set-valued element, `{element}`, and has no form without it.")
         memory, gives = equations.flow, equations.outputs
     else:
         update = law.sampled(signal, ca.SX(float(period)))
         memory, gives = update.memory, update.outputs
+    prefix = own_word(law, memory)
+    for variable in memory:
+        variable.label = remembered(variable.label, prefix, first_word(law))
     following = ca.densify(ca.vertcat(*[ca.SX(value) for value in memory.values()])) if memory else ca.SX(0, 1)
     found = {name: (ca.SX(value), unit) for name, (value, unit) in gives.items()}
     reads = dict(sorted(reads.items(), key=lambda item: item[1][2] is not None))  # what is measured, then set-points
@@ -257,7 +262,8 @@ def _about(law: OpenLaw, outputs: Sequence[str], B: np.ndarray, D: np.ndarray, m
 
 
 def settled(law: OpenLaw) -> OpenLaw:
-    """A law after its first sample: scalars of its memory that come out constant are these constants, and what it reads of its own torques then is left out."""
+    """Return a law in its form after the first sample. Scalars of its memory that are constant then become numbers, and unused readings of
+    its own torques are left out."""
     constant = {
         variable: value
         for variable, value in zip(law.memory, ca.vertsplit(law.following, _places(law.memory)), strict=True)
@@ -391,7 +397,7 @@ def export_c(
 
 
 def declared_c(loop: ClosedLoop, path: str | Path) -> Declared:
-    """Write a law as `export_c` does, and return what its header lists."""
+    """Write a law like `export_c`, and return the content of the list in its header."""
     made, period = only_law(loop)
     if period is None:
         raise SceneError(

@@ -66,7 +66,7 @@ def _text(value: Value) -> str:
 
 
 class CExpressions(Writer):
-    """The words of C for expressions, by what they say (`toolbox.translation.expressions`): of each a kind and what it is made of."""
+    """Expressions in C: the text of each operation that `toolbox.translation.expressions` names."""
 
     final = True
     t: CTranslation
@@ -210,7 +210,7 @@ class CWriter(CExpressions):
             self.emit(f"{value.text};")
 
     def give(self, values: Sequence[Value]) -> None:
-        """End the function with what it gives."""
+        """End the function with its returned values."""
         if isinstance(self.made.returns, tuple):
             self.emit(f"return ({self.t.c_type(self.made.returns)}){{{', '.join(map(_text, values))}}};")
         else:
@@ -253,7 +253,7 @@ class CWriter(CExpressions):
             self.emit("}")
 
     def at_once(self, targets: Sequence[ast.expr], values: Sequence[Value]) -> None:
-        """Set several places, some of which the values read."""
+        """Assign several values to several places. A value may read a place that the same statement assigns."""
         self.emit("{")
         self.depth += 1
         for i, value in enumerate(values):
@@ -282,7 +282,7 @@ class CWriter(CExpressions):
 
 
 def bare(text: str) -> str:
-    """A condition without parentheses around the whole of it, of which compilers think that `=` was meant."""
+    """Return a condition without outer parentheses, because compilers warn that `=` may be meant there."""
     depth = 0
     for i, letter in enumerate(text):
         depth += (letter == "(") - (letter == ")")
@@ -333,7 +333,7 @@ class CTranslation(Translation):
         return f"static {self.c_type(made.returns)} {made.name}({', '.join(given) or 'void'})"
 
     def source(self) -> str:
-        """Everything that has been written, in an order in which C can read it."""
+        """Return all written text, in an order that C can read."""
         structs = [
             f"typedef struct {{ {' '.join(f'{C_TYPES[kind]} f{i};' for i, kind in enumerate(kinds))} }} {name};"
             for kinds, name in self.structs.items()

@@ -107,7 +107,8 @@ class Environment(gymnasium.Env):
         return self.begin(self.np_random, seed is not None, (options or {}).get("start")), {}
 
     def begin(self, draw: np.random.Generator, seeded: bool, start: Mapping[str, Any] | None = None) -> np.ndarray:
-        """Begin an episode at a start, by default one that is drawn, and with a drawn seed of the noise of laws if that was seeded; returns the outputs."""
+        """Begin an episode and return the outputs. The start is drawn by default, and the noise of laws gets a drawn seed if a seed was
+        given."""
         start = start or (self._start(draw) if self._start else None)
         return self.machine.reset(int(draw.integers(2**31)) if seeded else None, start)
 

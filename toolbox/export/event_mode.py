@@ -28,7 +28,8 @@ UNARMED = 1e-9
 
 
 def come_to(w: Any) -> bool:
-    """Take the point to which the importer has integrated: slopes, guards, their sizes, and which are armed from now on.
+    """Accept the point to which the importer has integrated: compute its slopes and guards, the sizes of the guards, and which of them are
+    armed.
 
     False where a bound of friction is negative that no guard watches: of inputs that the importer moves on the way nothing else tells.
     """

@@ -43,7 +43,7 @@ def refusing(name: str, parameters: str, answer: str) -> str:
 
 
 def folder_here(version: str) -> str:
-    """The folder of the binary that this machine makes; raises SceneError where that version of FMI has no name for its processor."""
+    """Return the folder for the binary of this machine. SceneError is raised if the version of FMI has no name for the processor."""
     told = platform.machine()
     folder = FOLDERS[version].get((sys.platform, PROCESSORS.get(told.lower(), told)))
     if folder is None:
@@ -57,7 +57,7 @@ def folder_here(version: str) -> str:
 
 
 def compiler_here() -> str:
-    """The C compiler of this machine; raises SceneError where there is none."""
+    """Return the C compiler of this machine. SceneError is raised if there is none."""
     compiler = os.environ.get("CC") or shutil.which("cc")
     if compiler is None or sys.platform not in ("linux", "darwin") or platform.architecture()[0] != "64bit":
         raise SceneError("An FMU holds machine code: it needs Linux or macOS on 64 bits and a C compiler, `cc` or the one that CC names.")
@@ -126,7 +126,7 @@ def fmu_archive(
 
 
 def licences(solver: bool) -> dict[str, bytes]:
-    """{place in an FMU: text} of the licences of what is inside: the toolbox, and of a predictive law its solver."""
+    """Return {path in an FMU: text} of the licences of the toolbox and, for a predictive law, of its solver."""
     from importlib.metadata import PackageNotFoundError, files
 
     found = {}

@@ -23,7 +23,7 @@ Matrix = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True)
 class LinearLaw(Renamed):
-    """What a system of python-control does not hold of the law that it was made from by `to_control`.
+    """Data of a law that a system of python-control does not hold: signals, operating point and defaults from `to_control`.
 
     Attributes
     ----------

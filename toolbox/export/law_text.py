@@ -98,7 +98,7 @@ def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Functio
 
 
 def replaced_together(texts: Mapping[Path, str]) -> None:
-    """Write several files of text, each in the place of the one that is there, all of them or none. Raises SceneError where one cannot be written."""
+    """Write several text files in place of existing files, all or none. SceneError is raised if a file cannot be written."""
     with contextlib.ExitStack() as places:
         for path, text in texts.items():
             file = places.enter_context(replaced(path))

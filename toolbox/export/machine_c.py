@@ -128,13 +128,13 @@ class Machine:
 
     @cached_property
     def inputs(self) -> list[Entry]:
-        """Inputs that the caller sets: those that are numbers."""
+        """Inputs that the caller sets, as numbers."""
         slots = self.program.coefficient_slot
         return [Entry(name, self.program.system.inputs[name].unit, slots[name]) for name, kind in self.run.kinds if kind == "number"]
 
     @cached_property
     def parameters(self) -> list[Entry]:
-        """Parameters that have an effect: those in whose place no input stands; an input and a parameter of one name are one number, the input.
+        """Parameters with an effect. A parameter is left out if an input of the same name replaces it.
 
         A sample time in the equations of a controller is none of them, because the clock of the machine would not follow.
         """
@@ -156,13 +156,13 @@ class Machine:
         return [*self.inputs, *self.parameters]
 
     def number(self, entry: Entry) -> Number | None:
-        """What is declared of a settable number; None for one that is neither an input nor declared."""
+        """Return the declared number of a settable entry; None if the entry is neither an input nor declared."""
         is_input = entry.name in {each.name for each in self.inputs}
         return self.loop.number(entry.name) if is_input or self.program.system.has_parameter(entry.name) else None
 
     @cached_property
     def refusals(self) -> Refusals:
-        """What settable numbers must be, by themselves and against one another."""
+        """Bounds of the settable numbers, and relations between them."""
         system, places = self.program.system, dict[int, int]()
         declared = [self.number(entry) for entry in self.settable]
         for i, entry in enumerate(self.settable):
@@ -193,7 +193,7 @@ class Machine:
         return found
 
     def translated(self, importer: bool = False) -> CTranslation:
-        """The event loop in C, and what an importer that integrates by itself needs beside it."""
+        """Return the event loop in C. `importer` adds the functions for a program that integrates by itself."""
         from toolbox.export.event_mode import event_mode  # here, because LLVM is slow to import
         from toolbox.stepping.event_stepper import advance
 
@@ -235,7 +235,7 @@ class _Watched(Explicit):
 
 
 def machine(loop: ClosedLoop, name: str, duration: Any = None, accuracy: float | None = None) -> Machine:
-    """A loop made ready for C, after a run that shows how it steps; raises SceneError for what does not go."""
+    """Return a loop prepared for C, after a trial run that shows how it steps. SceneError is raised for a loop that C cannot express."""
     for given in loop.controllers:
         law = given.law if isinstance(given, Sampled) else given
         if not isinstance(law, Controller):
@@ -273,7 +273,8 @@ def _with_all_inputs(loop: ClosedLoop) -> ClosedLoop:
 
 # -------------------------------------------------------------------------------------------------------------------------------------------- text
 def machine_sources(made: Machine, importer: bool = False) -> dict[str, str]:
-    """{file: text} of the header and the source, with the event mode and derivatives where they are for an importer that integrates by itself.
+    """Return {file: text} of the header and the source. `importer` adds the event mode and derivatives for a program that integrates by
+    itself.
 
     Raises SceneError where the loop holds what C has no words for.
     """

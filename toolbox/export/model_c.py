@@ -20,7 +20,8 @@ SIGNATURE = "(double t, double h, const double *x, const double *k, const double
 
 
 def model_text(name: str, program: Program, calling: str, along: Sequence[int] | None = None) -> str:
-    """All functions of a program, that of its signals (states, then what is none) as `signals`, and `NAME_update` that calls a sampled law by its number.
+    """Return the text of all functions of a program, with the function of its signals (first the states) as `signals`, and `NAME_update`,
+    which calls a sampled law by its number.
 
     calling: the text that calls them: what it does not call is left out.
     along: places of parameters, with which `forward` is there, too: derivatives of slopes and signals along a change k of states and of these parameters.

@@ -27,7 +27,8 @@ Note = Callable[["Watched", str, Any], None]
 
 
 class Watched(float):
-    """A number that notes what it is compared with; places: of the numbers that it comes from, one where it is that number itself."""
+    """A number that records the numbers with which it is compared. places: indices of the numbers from which it is computed; a single index
+    if it is the number itself."""
 
     places: tuple[int, ...]
     itself: bool
@@ -78,7 +79,8 @@ for _word in ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv"
 
 
 def closed_bounds(declared: Mapping[str, Any]) -> tuple[float, float]:
-    """The least and the most that a number may be, both finite, from what a `quantity` declares; an open bound is the next number inside."""
+    """Return the least and the largest allowed number, both finite, from the bounds of a `quantity`. An open bound is replaced by the next
+    number inside."""
     words = {word: float(declared[word]) for word in ("at_least", "above", "below", "at_most") if declared.get(word) is not None}
     low = max(words.get("at_least", -LARGEST), float(np.nextafter(words.get("above", -np.inf), np.inf)))
     high = min(words.get("at_most", LARGEST), float(np.nextafter(words.get("below", np.inf), -np.inf)))
@@ -87,7 +89,7 @@ def closed_bounds(declared: Mapping[str, Any]) -> tuple[float, float]:
 
 @dataclass
 class Refusals:
-    """What numbers must be: bounds of each, and relations (number, comparison, other number or None, the number in its place) that must hold."""
+    """Conditions on numbers: bounds of each, and relations (number, comparison, other number or None, constant in place of the other)."""
 
     least: list[float]
     most: list[float]
@@ -99,7 +101,7 @@ class Refusals:
         return inside and all(getattr(operator, how)(values[i], other if j is None else values[j]) for i, how, j, other in self.relations)
 
     def of(self, places: Sequence[int]) -> Refusals | None:
-        """The relations alone of some of the numbers; None where there are none."""
+        """Return only the relations of some of the numbers; None if there are none."""
         found = [each for each in self.relations if each[0] in places or each[2] in places]
         return Refusals([-LARGEST] * len(self.least), [LARGEST] * len(self.most), found) if found else None
 
@@ -113,7 +115,7 @@ class Refusals:
             self._related(place, how, None, other)
 
     def compared(self, place: int, how: str, other: int) -> None:
-        """Note that a number must be so, against another one that may change."""
+        """Record that a number must be in this relation to another number that may change."""
         if how in ("lt", "le"):
             place, how, other = other, MIRRORED[how], place
         self._related(place, how, other, 0.0)

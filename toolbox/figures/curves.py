@@ -87,7 +87,7 @@ def draw_signals(ax: Any, time: np.ndarray, signals: Mapping[str, np.ndarray], l
 
 
 def draw_line(ax: Any, time: np.ndarray, values: np.ndarray, label: str, style: dict[str, Any]) -> None:
-    """One curve against time, thinner where it swings so often that its strokes would merge."""
+    """Draw a curve against time. The line is thinner for a fast oscillation, so that its strokes do not merge."""
     size = max(float(np.ptp(values)), 1e-6 * float(np.abs(values).max(initial=0.0)), 1e-300)
     rounded = np.rint(values * (100.0 / size))  # what cannot be seen does not count as a swing
     turns = int(np.count_nonzero(np.diff(np.sign(rounded[1:] - rounded[:-1])[rounded[1:] != rounded[:-1]])))
@@ -96,7 +96,8 @@ def draw_line(ax: Any, time: np.ndarray, values: np.ndarray, label: str, style: 
 
 
 def scale_robustly(ax: Any, curves: Sequence[tuple[np.ndarray, np.ndarray]], unit: str, display_units: Mapping[str, str]) -> None:
-    """Scale an axis for what curves (times, values) do but for a hundredth of the time, and say how far they go beyond, where that would flatten all else."""
+    """Scale an axis to the curves (times, values) without a hundredth of their time, if a short peak would flatten the rest. The height of
+    the peak is written at the axis."""
     usual = []
     for time, values in curves:
         duration = np.diff(time)
@@ -141,7 +142,7 @@ def scale_robustly(ax: Any, curves: Sequence[tuple[np.ndarray, np.ndarray]], uni
 def draw_limits(
     ax: Any, limits: Mapping[str, tuple[float | None, float | None]], names: Sequence[str], looks: Mapping[str, dict[str, Any]]
 ) -> None:
-    """Draw the limits that a drive keeps signals within, those that are near enough to be seen, as dotted lines; the axis makes room for them."""
+    """Draw the limits of the drive on signals as dotted lines, if they are near enough to be seen. The axis is enlarged for them."""
     bottom, top = ax.get_ylim()
     reach = 0.6 * (top - bottom)
     for name in names:
@@ -158,7 +159,7 @@ def draw_limits(
 
 
 def nearest_known(values: np.ndarray) -> np.ndarray:
-    """Numbers of a grid with those that are nan taken from the nearest one that is not; zeros where all are nan."""
+    """Return a grid with every nan replaced by the nearest number; zeros if all are nan."""
     from scipy.ndimage import distance_transform_edt
 
     unknown = ~np.isfinite(values)

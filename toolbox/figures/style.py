@@ -94,7 +94,7 @@ def paper(**kind: Any) -> Any:
 
 @contextlib.contextmanager
 def drawn_on(axes: Any, rows: int = 1, columns: int = 1, *, height: float, width: float = WIDTH, **kind: Any) -> Iterator[Any]:
-    """The axes that are given, or where there are none those of a new figure, in the context of `paper`.
+    """Yield the given axes, or the axes of a new figure, in the context of `paper`.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def place_words(name: str) -> str:
 
 
 def axis_words(names: Sequence[str], unit: str) -> str:
-    """What an axis is called: `bit speed` for one signal, the word they share for several: `speed`."""
+    """Return the name of an axis: `bit speed` for a single signal, the shared word for several, such as `speed`."""
     if len(names) == 1:
         return in_words(names[0])
     tails = {name.rpartition(".")[2] for name in names}
@@ -246,7 +246,7 @@ def legend_above(ax: Any, above: float) -> None:
 
 
 def legend_with(ax: Any, *more: Any) -> None:
-    """The legend above a panel, with further entries behind those that it has."""
+    """Draw the legend above a panel, with further entries after the existing entries."""
     legend = ax.get_legend()
     handles = [*(legend.legend_handles if legend else []), *more]
     words = [*(text.get_text() for text in (legend.get_texts() if legend else [])), *(str(each.get_label()) for each in more)]

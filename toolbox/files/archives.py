@@ -90,7 +90,7 @@ def _array(content: Any, size: int) -> np.ndarray:
 
 
 def check_shapes(found: Mapping[str, np.ndarray], shapes: Mapping[str, Shape], lengths: Mapping[str, int] | None = None) -> None:
-    """Raise ValueError for an array that is not of the kind and shape that it must have, KeyError for one that is missing.
+    """Raise ValueError for an array of a wrong kind or shape, and KeyError for a missing array.
 
     lengths: those of the named ones that are known.
     """

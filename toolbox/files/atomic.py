@@ -72,7 +72,8 @@ def replaced(path: Path, durable: bool = False) -> Iterator[IO[bytes]]:
 
 @contextlib.contextmanager
 def replaced_folder(path: Path) -> Iterator[Path]:
-    """A new folder that takes the place of `path`, empty or not, when the block ends well, and vanishes otherwise. Raises SceneError where it cannot be."""
+    """Yield a new folder that replaces `path` when the block ends without error, and vanishes otherwise. SceneError is raised if the folder
+    cannot be written."""
     path = path.absolute()
     with temporary(path) as shelter:
         try:

@@ -18,7 +18,7 @@ from typing import Any
 
 
 class Gate:
-    """How many threads are inside something undivided, and whether a result has taken its place, after which there is nothing to interrupt.
+    """Number of threads inside an undivided operation, and whether a result is in place. After that there is nothing to interrupt.
 
     asked: whether the process was interrupted and is to end;  keeping: whether the main thread looks at that by itself, to keep what is finished;  placed:
     whether the result of the process is in place.
@@ -43,7 +43,7 @@ class Gate:
 
     @contextlib.contextmanager
     def kept(self) -> Iterator[None]:
-        """The block asks `check` often and keeps what is finished when that raises."""
+        """Mark a block that calls `check` often and keeps finished results when `check` raises."""
         before, self.keeping = self.keeping, True
         try:
             yield
@@ -51,7 +51,7 @@ class Gate:
             self.keeping = before
 
     def check(self, patience: float = 0.0) -> None:
-        """Raise KeyboardInterrupt where the process was interrupted, or is within so many seconds."""
+        """Raise KeyboardInterrupt if the process was interrupted, or is interrupted within `patience` seconds."""
         last = time.monotonic() + patience
         while not self.asked and time.monotonic() < last:
             time.sleep(0.01)
@@ -65,7 +65,8 @@ class Gate:
             self._changed.notify_all()
 
     def closed(self, seconds: float) -> bool:
-        """Close behind the last one inside, or after so many seconds; False, and open, where the result is in place by then."""
+        """Close the gate when the last thread has left, or after so many seconds. Return False, with the gate open, if the result is in
+        place by then."""
         with self._changed:
             self._changed.wait_for(lambda: self._inside == 0, seconds)
             self._closed = not self.placed

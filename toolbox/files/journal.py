@@ -117,7 +117,8 @@ class Journal:
 
 
 def fingerprint(thing: Any) -> str:
-    """Text that is the same for equal arguments in every process: the representation of data; name and code of a function, with what it encloses.
+    """Return a text that is the same for equal arguments in every process. Data is represented by `repr`, a function by its name, its code
+    and the values that it encloses.
 
     What a function reads from its module is not part of it.
     """

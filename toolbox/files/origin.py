@@ -62,7 +62,7 @@ class Origin:
 
     @staticmethod
     def read(folder: Path) -> Origin:
-        """Read that of a folder. Raises SceneError where there is none, or a damaged one."""
+        """Return the origin of a folder of results. SceneError is raised if the origin is missing or damaged."""
         with understood(folder / ORIGIN, "the origin of a folder of results"):
             told = json.loads(content(folder / ORIGIN, TEXT))
             found = Origin(**{"failures": {}, **told})
@@ -92,7 +92,7 @@ def hashes(paths: Iterable[Path]) -> dict[str, str]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what computes: packages that are installed, Python and the kind of machine."""
+    """Return the versions of the installed packages and of Python, and the kind of machine."""
     return {"Python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}", **_installed()}
 
 

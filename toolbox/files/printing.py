@@ -90,7 +90,7 @@ def columns(rows: Sequence[Sequence[str]], left: Container[int] = (0,), indent: 
 
 
 def shown(value: float, form: str = ".3g", unit: str = "") -> str:
-    """A number of a report in a format, with its unit behind it; "-" where there is none."""
+    """Return the text of a number in a report, with its unit; "-" for nan."""
     return "-" if math.isnan(value) else f"{value:{form}}{unit}"
 
 
@@ -104,7 +104,7 @@ class Printed(Renamed):
 
 @dataclass(frozen=True)
 class Rows:
-    """A table among the parts of what a value says: its rows and how it is printed (`columns`).
+    """A table in a printed value: its rows and the arguments for `columns`.
 
     headings: those of a table that is printed without any; without them the first row has the headings.
     """
@@ -121,7 +121,7 @@ class Rows:
 
 
 class Told(Printed):
-    """A value that says what it is in sentences and tables, which are the same when it is printed and when a notebook or a report shows it."""
+    """A value that describes itself in sentences and tables, with the same content in print, in a notebook and in a report."""
 
     def _told(self) -> Iterable[str | Rows]:
         """Its title, then sentences and tables; an empty sentence is an empty line where it is printed."""

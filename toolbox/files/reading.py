@@ -35,7 +35,7 @@ _NOTING: list[set[Path]] = []
 
 @contextmanager
 def noted() -> Iterator[set[Path]]:
-    """Return a set to which the path of every file is added that is opened here during the block, but for `apart` ones."""
+    """Yield a set that collects the path of every file opened here during the block, except files opened with `apart`."""
     found: set[Path] = set()
     _NOTING.append(found)
     try:

@@ -153,7 +153,7 @@ def as_data(value: Any) -> Any:
 
 
 def written(value: Any, arrays: dict[str, np.ndarray], name: str = "array") -> Any:
-    """A value for JSON; its arrays are added under names that tell where they stand, such as `array.smooth.severity`."""
+    """Return a value for JSON, and add its arrays to `arrays`. The name of an array gives its place, such as `array.smooth.severity`."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, np.ndarray):
@@ -180,7 +180,8 @@ def written(value: Any, arrays: dict[str, np.ndarray], name: str = "array") -> A
 
 
 def read(kind: Any, given: Any, arrays: Mapping[str, np.ndarray], word: str) -> Any:
-    """The value of a kind, as annotated, from what `written` made of it; raises ValueError where it is none. word: what it is, for the message."""
+    """Return a value of the annotated kind from the result of `written`. ValueError is raised for another kind; `word` names the value in
+    the message."""
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
         if given is None and type(None) in inner:

@@ -77,12 +77,12 @@ class use_units:
 
 
 def chosen() -> str | None:
-    """The system that was chosen; None where answers are in the units of their questions."""
+    """Return the chosen system of units; None if answers use the units of their questions."""
     return _SYSTEM.get()
 
 
 class Reading(NamedTuple):
-    """The unit in which numbers are read, and the factor that takes them there."""
+    """Unit of shown numbers, and the factor from SI to this unit."""
 
     factor: float
     unit: str
@@ -124,7 +124,8 @@ def reading(unit: str, display_units: Mapping[str, str] | None = None) -> Readin
 
 
 def reading_of(unit: str, size: float, display_units: Mapping[str, str] | None = None) -> Reading:
-    """(factor, unit) in which numbers of this size are read best: as `reading` says, and large ones in SI in thousands, such as kN m."""
+    """Return the factor and the unit in which numbers of this size are best read. The unit is chosen by `reading`; large numbers in SI are
+    in thousands, such as kN m."""
     factor, shown = reading(unit, display_units)
     large = (
         (shown == unit or shown != (display_units or {}).get(unit))
@@ -151,7 +152,7 @@ def asked_units(*given: Any, fields: Iterable[Any] = ()) -> dict[str, str]:
 
 
 def asked_in(given: Any, unit: str) -> str:
-    """The unit in which a range or a row of numbers was typed; `unit`, where all of it was given as plain numbers."""
+    """Return the unit in which a range or a row of numbers was typed, or `unit` if all numbers are plain."""
     return next((number.display_units for number in _typed(given)), unit)
 
 

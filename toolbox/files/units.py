@@ -104,7 +104,7 @@ _STRAY_DOT = re.compile(r"\.(?![0-9])|[A-Za-z)]\s*\.")
 
 
 class TypedNumber(float):
-    """A number in SI that was typed as text: it calculates as the float it is, and remembers the unit in which an answer about it is given.
+    """A number in SI that was typed as text. It calculates as a float and keeps the typed unit for answers.
 
     unit: that of the number, as a part declares it, such as "rad/s";  asked: the one that was typed, in its usual spelling, such as "rpm".
     """
@@ -223,7 +223,7 @@ def in_si(value: Any, unit: str, name: str, instead: str | None = None) -> Any:
 
 
 def warn_unusual(given: Any, value: Any, unit: str, usual: tuple[float, float], name: str) -> None:
-    """Warn once of every number among those of that name, typed as `given`, whose size is neither 0 nor within what is usual; symbols are left alone."""
+    """Warn once about each number whose size is neither 0 nor within the usual range. `given` is the typed value; symbols are ignored."""
     low, high = usual
     field = name.rpartition(".")[2]
     for typed, number in zip(given, value, strict=True) if isinstance(value, tuple) else ((given, value),):

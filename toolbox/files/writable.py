@@ -10,7 +10,8 @@ from toolbox.errors import SceneError
 
 
 def check_folder(path: Path) -> Path:
-    """The lowest folder that there is on the way to one that is to be written, or it itself.
+    """Return the folder to be written if it exists, or else its lowest existing parent. SceneError is raised if the folder cannot be
+    written.
 
     Raises SceneError where nothing can be written there: who asks before a long work does not lose what comes of it.
     """

@@ -13,7 +13,7 @@ from toolbox.lanes.vectors import Rows, Truth, Value, largest
 
 @dataclass(frozen=True)
 class Verdicts:
-    """What becomes of a step, lane by lane.
+    """Result of a step in every lane.
 
     accepted: it is taken;  arrives: it ends at an event;  moves: either;  refused: its error is too large;  begins: a search for an event begins;
     goes_on: one goes on;  meets: a sample is too near to be stepped to;  too_long: for what is measured in it;  odd: left to the scalar loop.

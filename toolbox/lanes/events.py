@@ -54,7 +54,7 @@ class Firing:
 
 @dataclass(frozen=True)
 class Renewed:
-    """Slopes, guards and sizes after an event; settled: the lanes in which no switch is thrown past its threshold."""
+    """Slopes, guards and sizes after an event. settled: lanes without a switch beyond its threshold."""
 
     k: list[Value]
     g: list[Value]
@@ -67,7 +67,8 @@ class Renewed:
 
 
 def settling(other: Pass) -> VectorBody:
-    """What `toolbox.stepping.event_stepper` does at an event, for the lanes that have stepped to one: modes by force, slopes, guards, round-off, first step.
+    """Write the event handling of `toolbox.stepping.event_stepper` for the lanes at an event: modes by force, slopes, guards, round-off,
+    first step.
 
     A lane whose modes need more than one correction keeps its flag.
     """

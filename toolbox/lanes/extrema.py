@@ -24,7 +24,8 @@ from toolbox.lanes.vectors import Rows, Truth, Value, called, largest, when_any
 
 
 class Rule:
-    """Fractions of a step at which signals are measured, Gauss points and both ends, with their weights, and those of a rule without the middle one."""
+    """Fractions of a step at which signals are measured: Gauss points and both ends. `weights` belong to all points, `coarse` to the rule
+    without the middle point."""
 
     def __init__(self, points: int) -> None:
         inner, weights = (0.5 * (column + shift) for column, shift in zip(np.polynomial.legendre.leggauss(points), (1.0, 0.0), strict=True))
@@ -66,7 +67,7 @@ def measure_step(
 
 
 def steps_inside(windows: list[tuple[Value, Value]], t: Value, moves: Truth) -> tuple[list[Truth], Truth]:
-    """Where a step that begins at t belongs to each window, and where to any."""
+    """Return the lanes whose step from t belongs to each window, and the lanes whose step belongs to any window."""
     inside = [moves & (t >= after) & (t < until) for after, until in windows]
     return inside, reduce(or_, inside)
 
@@ -77,7 +78,7 @@ def so_far(body: VectorBody, place: int) -> list[Value]:
 
 
 def add_step(within: Truth, place: int, before: list[Value], low: Value, high: Value, integral: Value) -> None:
-    """Write to the rows at a place what a step adds to what was there before."""
+    """Merge the extrema and the integral of a step into the rows at a place. before: values of these rows."""
     lowest, highest, total = before
     merged = (
         (within & (low < lowest)).choose(low, lowest),
@@ -124,7 +125,7 @@ class Path:
             self.terms.append([rise, first - rise, 2.0 * rise - first - h * k[i], *last])
 
     def signal(self, observe: ca.Function, which: int) -> Callable[[Any], Value]:
-        """One signal as a function of the fraction of the step."""
+        """Return a signal as a function of the fraction of the step."""
 
         def at(fraction: Any) -> Value:
             rest = 1.0 - fraction
@@ -152,7 +153,7 @@ class SeriesPath:
         """Write nothing: the coefficients are there."""
 
     def signal(self, observe: ca.Function, which: int) -> Callable[[Any], Value]:
-        """One signal as a function of the fraction of the step."""
+        """Return a signal as a function of the fraction of the step."""
 
         def at(fraction: Any) -> Value:
             s = self.h * fraction

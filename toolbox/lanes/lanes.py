@@ -211,6 +211,7 @@ def _by_series(program: Program) -> bool:
 
 
 def host_width(program: Program) -> int:
-    """Lanes that suit this processor and a program: two vector registers, or one where many states, or coefficients of series, fill them all."""
+    """Return the number of lanes that suits this processor and a program: two vector registers, or a single register if many states or
+    series coefficients fill all registers."""
     full = program.kernel.states >= 10 or program.formulas.series
     return register_width() * (1 if full else 2)

@@ -51,7 +51,7 @@ class BlockArrays(NamedTuple):
 
 
 class Scenarios(NamedTuple):
-    """What is run: one row per scenario, and what all have in common.
+    """Input of the loop over blocks: a row per scenario, and the values common to all scenarios.
 
     parameters, starts;  memories, held: of sampled laws;  keys: of their noise, and `courses`, the first row of it in the table of noise;
     clocks: (sample time, delay) of every law, one behind the other;
@@ -73,7 +73,7 @@ class Scenarios(NamedTuple):
 
 
 class Results(NamedTuple):
-    """What the scenarios come to, one row each.
+    """Results of the scenarios, a row each.
 
     states, modes, statuses: at the end;  counts: steps, refused steps, switches, merged events, and steps that the scalar loop took;  lowest to switches: the
     arrays of a `toolbox.measuring.readings.Readings`;  doubtful: whether extrema are doubtful (see `toolbox.lanes.extrema`);  event_*: the first
@@ -99,7 +99,7 @@ class Results(NamedTuple):
 
 
 class LaneStates(NamedTuple):
-    """What the loop remembers of every lane, one row each.
+    """Memory of the loop for every lane, a row each.
 
     scenario: which it runs, -1 for none;  modes: before the next event;  last_event, close: time of the last event, and events that have followed one
     another at one instant;  jump: the next change of a parameter;  since: begin of the current stay of each element;  happened: whether an event waits.

@@ -97,7 +97,8 @@ class Falls:
         body.keep_function(self.name, _search(body.width, degree))
 
     def first(self, c: Sequence[Value], where: Truth, length: Value) -> Value:
-        """The first zero in the lanes where it is true, 2 where there is none; length: of the piece that is looked at first where there may be several."""
+        """Return the first zero in the lanes with `where` true, and 2 in lanes without a zero. length: length of the first piece to search
+        if several zeros are possible."""
         for i, value in enumerate([*c, where.choose(1.0, 0.0), length]):
             self.body.store(value.name, self.room, i)
         self.body.call_on(self.name, self.room)
@@ -185,7 +186,8 @@ def _improved(c: list[Value], falls: Truth, where: tuple[Slot, Slot, Slot]) -> N
 
 
 def turn(c: Sequence[Value], ends: tuple[Value, Value]) -> Value:
-    """About where on [0, 1] a polynomial that falls at first and rises at the end, with these value and slope there, is lowest."""
+    """Return the approximate place of the minimum on [0, 1] of a polynomial that falls at first and rises at the end. ends: value and slope
+    at the end."""
     place, _ = hermite_minimum(c[0], c[1], *ends)
     slope, bend = value_and_slope([value * float(k) for k, value in enumerate(c)][1:], place)
     better = place - slope / bend

@@ -27,7 +27,8 @@ def measure_quintics(
     rows: dict[str, int],
     numbers: dict[str, Value],
 ) -> Truth:
-    """Write what adds a step to the extrema and integrals in the rows `measured` of the lanes that move; returns where it was too long for that.
+    """Add a step to the extrema and integrals in the rows `measured` of the moving lanes. Return the lanes in which the step was too long
+    for this measurement.
 
     signals: (t, x, p, m) -> values, slopes, curvatures;  ends: (t, x) where the step begins and ends;  others: p and m during the step. A step belongs to
     the windows (after, until) in which it begins.

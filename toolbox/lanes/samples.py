@@ -83,7 +83,7 @@ class Sample(Pass):
         self.acts = self.waits & (self.t < self.calendar)
 
     def replace(self, name: str, i: int, where: Truth, value: Any, old: Value) -> None:
-        """Write a row of an item in the lanes where it is true."""
+        """Write a row of an item in the lanes with `where` true."""
         self.body.store(where.choose(value, old).name, "%lanes", self.rows[name] + i)
 
     def number(self, place: int) -> Value:
@@ -98,7 +98,7 @@ class Sample(Pass):
 
 @dataclass
 class Taken:
-    """What the samples of all laws leave behind.
+    """Results of the samples of all laws.
 
     held: parameters with the signals held;  changed: lanes in which something held is new;  failed: lanes in which a law gives a value that is no finite
     number;  following: the next instant;  memory: (place, new, old value) of what laws remember;  counts: samples taken and applied, law by law.

@@ -14,7 +14,7 @@ MOST_TRIES = 30
 
 @dataclass(frozen=True)
 class Dip:
-    """A guard that falls and rises inside a step, where `turns`: value and slope at both ends."""
+    """A guard that falls and rises inside a step in the lanes of `turns`, with its value and slope at both ends."""
 
     turns: Truth
     a: Value
@@ -87,7 +87,8 @@ def signed(side: list[Value | None], values: Row | list[Value], j: int) -> Value
 def emit_dips(
     made: Pass, step: Step, guards: Guards, kinds: tuple[Truth, Truth, Truth], found: tuple[Truth, Truth]
 ) -> tuple[Truth, Truth, Truth]:
-    """Lanes that ask for a step to a minimum, those in which a guard dips below zero, and those in which it may.
+    """Return three sets of lanes: lanes that ask for a step to a minimum, lanes with a guard that dips below zero, lanes with a guard that
+    may dip.
 
     A guard may dip below zero inside a step, which a step to its minimum shows, or before an event that cuts a step short. kinds: fresh steps, steps to
     a minimum, and steps to an event;  found: what is hit, and what is odd.
@@ -134,7 +135,8 @@ def emit_dips(
 
 
 def emit_search(made: Pass, step: Step, guards: Guards, begins: Truth, goes_on: Truth) -> tuple[Truth, Truth]:
-    """The bracket of the search, and where to look next: lanes that search on, and those in which the search is lost.
+    """Narrow the bracket of the search and choose the next fraction. Return the lanes that continue the search, and the lanes that have
+    lost it.
 
     begins, goes_on: lanes whose search begins, and goes on.
     """
@@ -171,9 +173,8 @@ def hermite_minimum(a: Value, da: Value, b: Value, db: Value) -> tuple[Value, Va
 
 
 def crossing(a: Value, b: Value, da: Value, db: Value, width: Value) -> Value:
-    """Fraction of a bracket at which a guard falls from a > 0 to b <= 0 is zero: by the cubic Hermite interpolant of the inverse function where the
-    guard falls all the way, else from the end, which has been passed, by its tangent.
-    """
+    """Return the fraction of a bracket at which a guard that falls from a > 0 to b <= 0 is zero. If the guard falls all the way, the
+    inverse function is interpolated by cubic Hermite; otherwise the tangent at the end is used, which lies behind the zero."""
     da, db = da * width, db * width
     fall = b - a
     once = 1.0 / (da * db * fall)

@@ -68,7 +68,7 @@ class Crossings:
 
 @dataclass(frozen=True)
 class End:
-    """The end of a step after h: states, slopes and guards there, and how well they fulfil the equations, in parts of what is allowed."""
+    """End of a step of length h: states, slopes and guards, and the residual of the equations as a fraction of the tolerance."""
 
     h: Value
     x: list[Value]
@@ -173,7 +173,7 @@ def _reach(made: Pass, was: Rows, states: list[list[Value]], guards: list[list[V
 
 @dataclass(frozen=True)
 class Weights:
-    """What a coefficient is multiplied with to be compared with what is allowed, of states and of guards; tenth: binary logarithm of a tenth of the run.
+    """Factors that scale the coefficients of states and guards by their tolerances. tenth: binary logarithm of a tenth of the run.
 
     Written before the coefficients: divisions take long, but nothing else waits for them.
     """

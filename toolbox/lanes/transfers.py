@@ -38,7 +38,7 @@ def gather_point(b, lane, w):
 
 
 def gather_history(b, lane, w):
-    """What a lane remembers of its way, in the arrays of the scalar loop."""
+    """Copy the history of a lane into the arrays of the scalar loop."""
     n, ne, ng = w.ints[work_layout.N], w.ints[work_layout.NE], w.ints[work_layout.NG]
     w.reals[work_layout.STEP_SIZE] = b.block[layout.WANTED_ROW, lane]
     w.reals[work_layout.ERROR_OLD] = b.block[layout.ERROR_OLD_ROW, lane]

@@ -75,7 +75,7 @@ class Pass:
         return Truth(self.body, "zeroinitializer")
 
     def loaded(self) -> Rows:
-        """All rows as they are in the block, loaded where they are asked for."""
+        """Return all rows of the block. A row is loaded when it is used."""
         return Rows(self.body, self.rows, self.lengths)
 
     def store(self, columns: dict[str, list[Value]]) -> None:
@@ -95,7 +95,7 @@ class Pass:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of length h from where every lane stands at t: states, slopes and guards at its end, and its error.
+    """A step of length h from the point of every lane at t: states, slopes and guards at its end, and its error.
 
     wanted: the length asked for;  to_stop: whether the step ends at `stop`;  searching, probing: whether the lane searches an event or a minimum of a guard;
     cleared: whether a guard has been shown to stay positive;  unresolved: whether the step is too short to be taken;  given, slopes, ends: names of the
@@ -128,7 +128,7 @@ def explicit_formulas(program: Program) -> RungeKutta:
 
 
 def emit_step(made: Pass) -> Step:
-    """One step from where the lane stands."""
+    """Write a step from the present point of every lane."""
     body, n = made.body, made.n
     formulas = explicit_formulas(made.program)
     was = made.loaded()

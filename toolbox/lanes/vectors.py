@@ -70,7 +70,7 @@ class Value:
 
 
 class Row:
-    """Rows of a block that belong together, one vector each, loaded where they are asked for."""
+    """Rows of an item of a block, a vector each. A row is loaded when it is used."""
 
     def __init__(self, body: VectorBody, pointer: str, first: int, length: int) -> None:
         self.body, self.pointer, self.places = body, pointer, range(first, first + length)
@@ -129,7 +129,7 @@ class Truth:
         return Truth(self.body, self.body.opposite(self.name))
 
     def choose(self, yes: Any, no: Any) -> Value:
-        """`yes` in the lanes where it is true, `no` elsewhere."""
+        """Return `yes` in the lanes that are true, and `no` in the others."""
         names = [v.name if isinstance(v, Value) else self.body.number(v) for v in (yes, no)]
         return Value(self.body, self.body.select(self.name, *names))
 
@@ -147,17 +147,17 @@ def called(function: ca.Function, *arguments: Value | Iterable[Value]) -> list[V
 
 
 def largest(a: Value, b: Any) -> Value:
-    """The larger of two vectors; `b` where one is NaN."""
+    """Return the larger of two vectors; `b` if either is NaN."""
     return (a > b).choose(a, b)
 
 
 def smallest(a: Value, b: Any) -> Value:
-    """The smaller of two vectors; `b` where one is NaN."""
+    """Return the smaller of two vectors; `b` if either is NaN."""
     return (a < b).choose(a, b)
 
 
 def where_any(condition: Truth, compute: Callable[[], tuple[Truth, ...]]) -> tuple[Truth, ...]:
-    """`compute()` where the condition holds in any lane, else false, which it must be where the condition is false."""
+    """Return `compute()` if the condition holds in any lane, else false. In lanes without the condition, `compute()` must be false."""
     body = condition.body
     found: list[Truth] = []
     here, there = when_any(condition, lambda: found.extend(compute()))
@@ -194,7 +194,7 @@ class Slot:
 
 
 def repeat_while_any(body: VectorBody, write: Callable[[], Truth]) -> None:
-    """Emit a loop over the instructions that `write` writes, which goes on while what it returns holds in any lane."""
+    """Write a loop over the instructions of `write`. The loop repeats as long as the truth value that `write` returns holds in any lane."""
     label = f"loop{body.count}"
     body.count += 1
     body.block(label)

@@ -23,7 +23,7 @@ Marked = tuple[ca.SX, bool]
 
 
 def passing_nan(expressions: Sequence[ca.SX], never: ca.SX) -> list[ca.SX]:
-    """Return expressions in which fmin and fmax are nan if one of their arguments is; all other values stay what they are.
+    """Return expressions in which fmin and fmax give nan if an argument is nan. All other values are unchanged.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def passing_nan(expressions: Sequence[ca.SX], never: ca.SX) -> list[ca.SX]:
 
 
 def opened(expressions: Sequence[ca.SX], moving: ca.SX) -> tuple[list[ca.SX], ca.SX, ca.SX]:
-    """Return expressions in which a share of what is behind a limit passes it, the shares, and what the limits hold back.
+    """Return expressions whose limits let a share of the excess pass, the symbols of the shares, and the excess that each limit holds back.
 
         limited + share (wanted - limited)
 
@@ -85,7 +85,7 @@ def opened(expressions: Sequence[ca.SX], moving: ca.SX) -> tuple[list[ca.SX], ca
 
 
 def rewritten(expressions: Sequence[ca.SX], marked: ca.SX, operations: dict[int, Callable[..., ca.SX]]) -> list[ca.SX]:
-    """Return expressions with other operations in place of some; operations of marked symbols alone stay what they are.
+    """Return expressions with some operations replaced. Operations on marked symbols alone are not replaced.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from toolbox.errors import SceneError
 
 
 class Clock(NamedTuple):
-    """Clock of a sampled controller; the fields are those of `Sampled`, and arrays of clocks have them as columns.
+    """Clock of a sampled controller, with the fields of `Sampled`. Arrays of clocks have these fields as columns.
 
     Attributes
     ----------
@@ -35,7 +35,8 @@ class Clock(NamedTuple):
 
 
 def check_regular(clocks: Iterable[Clock], word: str) -> None:
-    """Raise SceneError where samples are late or missed, so that no period brings a loop round; word: what needs such a period."""
+    """Raise SceneError if samples are late or missed, because such a loop has no period. The message says by `word` why a period is
+    needed."""
     if not all(clock.regular for clock in clocks):
         raise SceneError(
             f"Arguments `jitter` and `missed_samples` must be left out {word}, because no period brings the samples of such a loop round: "

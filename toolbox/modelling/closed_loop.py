@@ -331,7 +331,7 @@ class ClosedLoop(Printed):
         raise SceneError(f"There is no number `{name}` in this loop: {suggest(name, known)}")
 
     def varied_number(self, name: str) -> Number:
-        """Return the description of one number (value, unit, bounds) of which other values are to be tried.
+        """Return a number that is to be varied, with its value, unit and bounds. SceneError is raised if the number has no effect.
 
         Parameters
         ----------

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -116,6 +116,8 @@ class Component(Renamed, Declared):
     HybridSystem(Mass): 1 states (mass.speed); contacts: none; inputs: mass.force [N]
     """
 
+    holds_law: ClassVar[bool] = False
+
     name: str | None = dataclasses.field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -184,9 +186,29 @@ _KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 
 def law_of(part: Component) -> Component:
-    """The law that a part carries, as a sampled one does; any other part itself, whatever it calls `law`."""
-    law = getattr(part, "law", None)
-    return law if isinstance(law, Component) else part
+    """The law for which a part stands, as a sampled one does; any other part itself, whatever it calls `law`."""
+    return law_of(part.law) if getattr(part, "holds_law", False) else part  # type: ignore[attr-defined]
+
+
+def holds_controller(part: Component) -> bool:
+    """Whether a part has a controller as a field."""
+    return any(hasattr(getattr(part, field.name), "actuated_signals") for field in fields_of(type(part)))
+
+
+def own_word(law: Component, memory: Iterable[State]) -> str:
+    """The first word of the labels of a controller's own states, which its word replaces; states of a controller that it holds have other ones."""
+    heads = [variable.label.partition(".")[0] for variable in memory]
+    return heads[0] if heads and not holds_controller(law) else type(law).__name__.lower()
+
+
+def first_word(part: Component) -> str:
+    """The word with which the names of all numbers, states and signals of a controller begin: its `name`, else its class in lowercase."""
+    return part.name or type(law_of(part)).__name__.lower()
+
+
+def remembered(label: str, prefix: str, word: str) -> str:
+    """The name of a state of a controller, whose word stands in place of the prefix of its own states, and before those of a controller that it holds."""
+    return word + label.removeprefix(prefix) if label.partition(".")[0] == prefix else f"{word}.{label}"
 
 
 def fields_of(kind: type) -> tuple[_Field, ...]:
@@ -211,7 +233,8 @@ def is_nested(value: Any) -> bool:
 
 
 def checked(part: Any, opposing: bool = True) -> None:
-    """Call `check` of a part, of its law and of the friction laws among its fields, where their numbers are finite and within bounds.
+    """Call `check` of a part, of its law and of the friction laws among its fields. A `check` is called only if the numbers are finite and
+    within bounds.
 
     Where they are not, the parameter table of the composed plant knows the full name to complain about. opposing: friction is to oppose its slip, too.
     """
@@ -329,7 +352,7 @@ def structure_of(part: Any) -> Any:
 
 
 def rebuilt(part: Any, values: Any, offset: int, number: Callable[[Any], Any] = float) -> Any:
-    """The part with its numbers read from the parameter vector; number: what makes one of an entry of it."""
+    """Return the part with its numbers read from the parameter vector. number: function that turns an entry of the vector into a number."""
 
     def rebuild(node: Any) -> Any:
         nonlocal offset
@@ -384,7 +407,8 @@ def symbolic_copy(part: Any, path: str, slots: list[Slot]) -> Any:
 
 
 def equations_of(symbolic: Component, signal: Callable[..., ca.SX], title: str) -> Equations:
-    """The equations of a component on symbols. Raises SceneError where they decide or compute on numbers, and for what is no flow of states."""
+    """Return the equations of a component on symbols. SceneError is raised if the equations decide or compute on numbers, or if a flow
+    belongs to no state."""
     mode = ca.GlobalOptions.getNumpyMode()
     ca.GlobalOptions.setNumpyMode(-1)  # numpy's sin of a symbol is casadi's, without a word about what may change
     try:
@@ -430,7 +454,8 @@ def governed(law: Any, owner: Any) -> bool:
 
 
 def unit_at(element: Element, unit: str) -> str:
-    """The unit of a friction law's field where the law acts: laws are declared for one kind of motion and serve both."""
+    """Return the unit of a field of a friction law in the element that uses the law. Laws are declared for one kind of motion and serve
+    both."""
     if unit in ("m/s", "rad/s"):
         return element.slip_unit
     if unit in ("m", "1/m"):

@@ -22,7 +22,8 @@ from toolbox.modelling.hybrid_system import HybridSystem
 
 @dataclass(frozen=True)
 class Dependency:
-    """One component: how many states and elements it adds, and which measures depend on it; if none does, it can be removed from the plant."""
+    """A component with the number of its states and elements, and the metrics that depend on it. A component without such metrics can be
+    removed from the plant."""
 
     part: str
     states: int
@@ -32,7 +33,7 @@ class Dependency:
 
 @dataclass(frozen=True)
 class Dependencies:
-    """What every part of a plant is needed for; `print` it for the table.
+    """The metrics that need each part of a plant; `print` shows the table.
 
     Attributes
     ----------
@@ -52,7 +53,7 @@ class Dependencies:
 
     @property
     def warning(self) -> str:
-        """One sentence about parts that no measure looks at; empty where every part is needed."""
+        """A sentence about the parts on which no metric depends; empty if every part is needed."""
         if not self.unused:
             return ""
         parts = ", ".join(f"{dependency.part} ({dependency.states} states, {dependency.elements} elements)" for dependency in self.unused)

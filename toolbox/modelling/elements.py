@@ -114,7 +114,7 @@ _ANNOTATIONS = {
 
 
 def declared_type(field: dataclasses.Field[Any]) -> str:
-    """The annotation of a field as it is written, with the names above as what they stand for."""
+    """Return the annotation of a field as text, with the aliases above written out."""
     written = str(field.type)
     return _ANNOTATIONS.get(written.rpartition(".")[2], written)
 
@@ -182,7 +182,7 @@ def quantity(
 
 
 def fields_in_si(part: Any, instead: Mapping[str, str] | None = None) -> None:
-    """Turn what is typed into the fields of a part into what they hold: text with a unit into its number in SI, lists and arrays into tuples.
+    """Convert the fields of a part from the typed form: text with a unit becomes a number in SI, lists and arrays become tuples.
 
     instead: {declared unit: another unit that text may be in}. Raises SceneError for text that is no quantity of the field.
     """
@@ -403,7 +403,7 @@ class Element(Renamed):
 
     @property
     def breaks(self) -> list[Element]:
-        """The companions that say where its law has jumped."""
+        """Companion elements that detect the jumps of the friction law."""
         return [each for each in self.companions if not each.second]
 
     def mapped(self, change: Callable[[ca.SX], ca.SX]) -> Element:
@@ -423,7 +423,7 @@ class Element(Renamed):
         return f"`{self.name}`"
 
     def negative_bound(self, what: str, why: str = "is its load negative?") -> str:
-        """The error of a bound below zero: what it is and when, and why."""
+        """Return the message of the error for a negative bound, with a condition and a cause."""
         hint = f" The contact lifts off, which `{self.lift_off}` models." if self.lift_off else ""
         return f"The bound of `{self.name}` must be >= 0, but it {what}: {why}{hint}"
 

@@ -43,7 +43,7 @@ def masked_solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def coupled_groups(pattern: ca.Sparsity) -> list[list[int]]:
-    """The unknowns, by those that depend on each other directly or through others."""
+    """Return the unknowns in groups. The unknowns of a group depend on each other, directly or through others."""
     both = (ca.DM(pattern, 1) + ca.DM(pattern, 1).T + ca.DM.eye(pattern.size1())).sparsity()
     _, order, ends = both.scc()
     return [sorted(order[a:b]) for a, b in itertools.pairwise(ends)]
@@ -90,7 +90,7 @@ def _rows(matrix: ca.SX) -> list[dict[int, ca.SX]]:
 
 
 def dependent_rows(matrix: np.ndarray) -> list[int]:
-    """The rows of a matrix with ones on its diagonal of which one follows from the others; empty where it can be solved."""
+    """Return the rows of a matrix that are linearly dependent; empty if the matrix can be solved. The diagonal must hold ones."""
     values, vectors = np.linalg.eig(matrix)
     weakest = int(np.argmin(np.abs(values)))
     share = np.abs(vectors[:, weakest])
@@ -98,7 +98,7 @@ def dependent_rows(matrix: np.ndarray) -> list[int]:
 
 
 def must_be_independent(titles: Sequence[str]) -> str:
-    """The words of the error where the slips of these elements depend on each other."""
+    """Return the message of the error for elements with dependent slips."""
     return (
         f"The slips of {', '.join(titles)} must be independent, but one follows from the others: nothing decides how they share the force."
     )
@@ -109,7 +109,8 @@ _NAME = "dense_solve_"
 
 @lru_cache
 def dense_solver(n: int) -> ca.Function:
-    """casadi Function (full matrix, right side) -> solution of n equations, which stays a call where it is used."""
+    """Return a casadi Function (full matrix, right side) -> solution of n equations. The function is never inlined: it remains a call in
+    other expressions."""
     given, right = ca.SX.sym("matrix", n, n), ca.SX.sym("right", n)
     matrix, values = ca.SX(given), ca.SX(right)
     for k in range(n - 1):
@@ -131,7 +132,8 @@ def size_solved(name: str) -> tuple[int, bool]:
 
 
 def calls(function: ca.Function, operations: Sequence[int] | None = None) -> dict[int, ca.Function]:
-    """{place of the instruction: function called there} of an SX function; operations: of its instructions, where they are known."""
+    """Return {index of the instruction: called function} of an SX function. operations: operations of its instructions, if the caller has
+    them."""
     if operations is None:
         operations = [function.instruction_id(k) for k in range(function.n_instructions())]
     if ca.OP_CALL not in operations:
@@ -141,7 +143,7 @@ def calls(function: ca.Function, operations: Sequence[int] | None = None) -> dic
 
 
 def called_with(function: ca.Function, values: Sequence[ca.SX]) -> list[ca.SX]:
-    """The nonzeros of the results of a function, from those of its arguments one after the other."""
+    """Return the nonzeros of the results of a function. `values` holds the nonzeros of all arguments, one argument after the other."""
     given = iter(values)
     arguments = [
         ca.SX(function.sparsity_in(i), ca.vertcat(*[next(given) for _ in range(function.nnz_in(i))])) for i in range(function.n_in())

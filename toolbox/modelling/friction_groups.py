@@ -27,7 +27,7 @@ SAME = 1e-12
 
 
 class Groups(NamedTuple):
-    """Elements in which one friction stands for all on its slip, and what takes the place of their symbols.
+    """Elements with a single friction for all frictions on the same slip, and the expressions that replace their symbols.
 
     elements: as many as before; `flow` and `loads` are expressions of the leaders' forces;  old, new: symbols of forces and modes, and what signals, powers
     and the laws of others read in their place;  leaders: {follower: (leader, sign of its slip against that of the leader)}.
@@ -69,7 +69,7 @@ class GroupLaw(FrictionLaw):
 
 
 class Follower(Element):
-    """A friction whose slip is that of another: its mode is the mode of that one, and only its bound is its own."""
+    """A friction that shares the slip and the mode of another friction. Only the bound is its own."""
 
     holds = False
 

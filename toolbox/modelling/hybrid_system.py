@@ -32,7 +32,7 @@ class Parameter(NamedTuple):
     bounds: Mapping[str, float | None]
 
     def typed(self, value: Any) -> Any:
-        """What is typed for it with text that has a unit as numbers; raises SceneError for text that is no quantity of its unit."""
+        """Return a typed value as numbers in SI. SceneError is raised for text that is no quantity of the unit."""
         return in_si(value, self.unit, self.name)
 
     def check(self, values: Any) -> None:
@@ -51,7 +51,7 @@ class Input(NamedTuple):
 
 
 class SampledUpdate(NamedTuple):
-    """A sampled law of a composed plant: its memory, the next memory, its outputs, and where they are held in the vector `held`.
+    """A sampled law of a composed plant: its memory, the next memory, its outputs, and their places in the vector `held`.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ from toolbox.modelling.inputs import Shape, Table, Typed
 
 @dataclass(frozen=True, eq=False)
 class ExpressionKey:
-    """A casadi expression as a key: equal where the expressions are."""
+    """A casadi expression as a key of a dictionary. Two keys are equal if their expressions are."""
 
     expression: ca.SX
 

@@ -26,7 +26,8 @@ from toolbox.modelling.remembering import offers_memory
 
 
 class Answer:
-    """A law in Python inside another law, whose answer is a symbol. It counts its samples: where the outer law keeps its memory, it is not called."""
+    """A Python law inside of another law, with a symbol as its answer. The law counts its samples, because it is not called if the outer
+    law keeps its memory."""
 
     def __init__(self, law: Any, plant: HybridSystem):
         self.law, self.plant = law, plant
@@ -132,7 +133,7 @@ def _opened(law: Any, plant: HybridSystem, inside: list[Answer]) -> Any:
 
 
 def in_python(value: Any) -> bool:
-    """Whether what a law holds is a designed law in Python."""
+    """Return whether the value of a field is a designed law in Python."""
     return callable(value) and not is_nested(value)
 
 

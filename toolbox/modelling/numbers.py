@@ -1,17 +1,17 @@
 """Every number of a closed loop that can be varied: one name for each, known to every verb.
 
     input        a signal that nobody gives, held constant                       top.torque, top.reference
-    parameter    a number of a part or of a law, where it acts                   bit.weight, chain.inertia.0, pi.proportional
+    parameter    a number of a part or of a law, where it acts                   bit.weight, chain.inertia.0, softtorque.proportional
     design       a field of a law that only its design knows                     softtorque.detuning
     shape        a number of the shape that an input has                         top.torque.amplitude
     node         a time or a value of the table that an input has                top.torque.values.2
-    sample time  the sample time of a controller                                 pi.sample_time
-    delay        the time from a sample until its outputs take effect            pi.delay
-    jitter       the largest lateness of a sample                                pi.jitter
-    missed       the probability that a sample is missed                         pi.missed_samples
-    noise        the standard deviation of the noise of a sensor                 pi.sensors.noise.0
-    resolution   the step of an encoder                                          pi.sensors.resolution.0
-    start        the start value of a state, or of what a sampled law remembers  bit.speed, pi.angle
+    sample time  the sample time of a controller                                 softtorque.sample_time
+    delay        the time from a sample until its outputs take effect            softtorque.delay
+    jitter       the largest lateness of a sample                                softtorque.jitter
+    missed       the probability that a sample is missed                         softtorque.missed_samples
+    noise        the standard deviation of the noise of a sensor                 softtorque.sensors.noise.0
+    resolution   the step of an encoder                                          softtorque.sensors.resolution.0
+    start        the start value of a state, or of what a sampled law remembers  bit.speed, softtorque.angle
 
 An input and a parameter of one name are one number: the input, whose default the parameter is.
 """
@@ -83,7 +83,7 @@ class Number:
 
     @property
     def is_parameter(self) -> bool:
-        """Whether it is a number of a part, a controller or its sensors, where it acts."""
+        """True for a number of a part, a controller or its sensors, in the place that the equations read."""
         return self.kind.is_parameter
 
     @property
@@ -117,7 +117,7 @@ class Number:
         return self.kind.is_shift
 
     def in_si(self, word: str, given: Any) -> Any:
-        """What an argument of it holds, with text as numbers in its unit."""
+        """Return a given value with text converted to a number in the unit of this number. word: argument that an error names."""
         return in_si(given, self.unit, word)
 
     def between(self, given: Any, word: str = "bounds") -> tuple[float, float]:
@@ -125,8 +125,8 @@ class Number:
         return checked_range(given, word, self.unit)
 
     def span(self, given: Any, word: str = "bounds") -> tuple[float, float]:
-        """A range over which it is varied, as `between` gives it; warns (`UnusualValue`) where its far end, typed without a unit, is not usual, as where it was
-        meant in another unit."""
+        """Return the range of variation, like `between`. The warning `UnusualValue` is given if the far end, typed without a unit, is not
+        usual: another unit may be meant."""
         low, high = self.between(given, word)
         far = high if abs(high) >= abs(low) else low
         if self.usual is not None and not any(isinstance(end, (str, TypedNumber)) for end in given):
@@ -138,11 +138,12 @@ class Number:
         refuse(f"Argument `{self.name}`", value, self.unit, self.bounds)
 
     def varied(self, system: HybridSystem, inputs: Mapping[str, Any], value: float) -> tuple[HybridSystem, dict[str, Any]]:
-        """A closed system and its inputs with this value; as they are where the number does not enter the equations, as a start value."""
+        """Return a closed system and its inputs with this value. Both are unchanged if the number, such as a start value, does not enter
+        the equations."""
         return self.kind.varied(system, inputs, self.name, value)
 
     def put(self, loop: Loop, value: NumberOrText) -> Loop:
-        """The loop with this value; raises SceneError where it is out of bounds."""
+        """Return the loop with this value. SceneError is raised if the value is out of bounds."""
         value = self.in_si(self.name, value)
         self.check(value)
         return self.kind.put(loop, self.name, value)
@@ -170,7 +171,7 @@ def numbers_in(loop: Loop) -> dict[str, Number]:
 
 
 def put_all(loop: Loop, values: Mapping[str, NumberOrText]) -> Loop:
-    """A loop with other values of several numbers, as `loop.at` puts them; raises what that raises.
+    """Return a loop with other values of several numbers. The values are set, and errors raised, as by `loop.at`.
 
     Parameters are put together, because what a part demands of two of them, such as a static friction above the kinetic one, may not hold in between.
     """
@@ -208,7 +209,7 @@ def number_of(loop: Loop, name: str) -> Number | None:
         return Number(name, clock_kind.unit, clock_kind, value, clock_kind.meaning, clock_kind.bounds)
     if system.has_parameter(name):
         entry = system._parameter(name)
-        if entry.size is not None or kinds.former_name(loop, name) is not None:
+        if entry.size is not None:
             return None
         kind, value = kinds.noise_or_resolution(name), float(system.parameter(name))
         return Number(name, entry.unit, kind, value, entry.meaning, entry.bounds, _usual(system, name), overridden(loop, name))
@@ -232,7 +233,7 @@ def number_of(loop: Loop, name: str) -> Number | None:
 
 
 def remembered(system: HybridSystem) -> dict[str, int | None]:
-    """{what a sampled law of the system remembers: its number of entries, None for one number}."""
+    """Return {name in the memory of a sampled law: number of entries}. The number is None for a scalar."""
     return {name: size for update in system.updates for name, (_, size) in update.places.items()}
 
 
@@ -302,12 +303,12 @@ def memory_places(system: HybridSystem, name: str) -> slice | None:
 
 
 def is_remembered(system: HybridSystem, name: str) -> bool:
-    """Whether a name is that of something that a sampled law remembers, or of an entry of it."""
+    """Return whether a name belongs to the memory of a sampled law, or to an entry of this memory."""
     return memory_places(system, name) is not None
 
 
 def law_with_numbers(loop: Loop) -> Any:
-    """The first law of a loop with the numbers that `at` changed where they act, in its own fields: ready for another loop.
+    """Return the first law of a loop for use in another loop. The fields of the law hold the numbers that `at` changed.
 
     As declared, where its design leaves these numbers as they are and makes of them what acts in the loop; else as it is designed.
     """

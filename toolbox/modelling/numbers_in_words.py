@@ -25,7 +25,7 @@ def numbers_of(law: Controller, display_units: Mapping[str, str]) -> str:
 
 
 def given_as(value: Any, unit: str, display_units: Mapping[str, str]) -> str | None:
-    """A number, or a shape in time with its numbers; None for what is neither."""
+    """Return the text of a number, or of a shape in time with its numbers; None for any other value."""
     if is_finite_number(value):
         return _with_unit(value, unit, display_units, 6)
     if isinstance(value, (Table, Shape)) and value.shape:

@@ -236,7 +236,8 @@ def regularised(width: float, match_static_peak: bool = True) -> Regularisation:
 
 
 def lacking(law: Any, width: float) -> Any:
-    """b of the module's equation for a law whose fields are numbers; raises SceneError where they are symbols."""
+    """Return b of the equation in the docstring of the module, for a law with numbers as fields. SceneError is raised if the fields are
+    symbols."""
     v = ca.SX.sym("v")
     try:
         base = ca.Function("base", [v], _pieces(law, v, width))

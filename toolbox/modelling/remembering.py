@@ -65,5 +65,5 @@ class Stateful(Renamed):
 
 
 def offers_memory(law: Any) -> bool:
-    """Whether an object tells what it remembers, by the methods `get_memory() -> array of numbers` and `set_memory(array)`."""
+    """Return whether an object gives its memory by the methods `get_memory() -> array of numbers` and `set_memory(array)`."""
     return callable(getattr(law, "get_memory", None)) and callable(getattr(law, "set_memory", None))

@@ -39,7 +39,7 @@ def rings_of(elements: Sequence[Element], gain: ca.SX) -> list[list[int]]:
 def limits_of_rings(
     elements: Sequence[Element], gain: ca.SX, along: ca.SX, force: ca.SX, bound: ca.SX, sticks: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Return force and bound of all elements by which they are let go: of frictions of a ring, those of the first motion that they slip in.
+    """Return the force and the bound that release each element. The frictions of a ring are released by the first motion with slip.
 
     Rings whose ratios of slips change with states or time, or that have too many motions, are left as they are.
     """
@@ -64,7 +64,8 @@ def limits_of_rings(
 
 
 def motions_of(gain: ca.SX, ring: Sequence[int], along: ca.SX) -> list[dict[int, ca.SX]]:
-    """Return the motions of a ring that leave as many slips at rest as can be: {place in the ring: ratio of its slip}; none where they are not found.
+    """Return the motions of a ring that leave as many slips at rest as possible: {place in the ring: ratio of its slip}. Empty if the
+    motions are not found.
 
     With slips H at rest the motion that a force along another slip j makes is A_j - A_H A_HH^-1 A_Hj.
     """

@@ -45,7 +45,8 @@ NO_MORE = 1e-11
 
 @dataclass(frozen=True)
 class Sharing:
-    """Which frictions hold what others hold, which rigid contacts what other rigid ones hold, and the weights and the softness of the rows of all elements."""
+    """Frictions and rigid contacts that hold the same slips as other elements, with the weights and the softness of the rows of all
+    elements."""
 
     members: tuple[int, ...]
     rigid: tuple[int, ...]
@@ -58,7 +59,8 @@ class Sharing:
         return ca.sparsify(matrix + ca.diag(held * (floor + self.softness)))
 
     def held(self, solved: Callable[[ca.SX, ca.SX], ca.SX], matrix: ca.SX, right: ca.SX, sticks: ca.SX) -> ca.SX:
-        """Solve matrix * F = right, in which the rows of the members yield, so that their slip rates are zero all the same.
+        """Solve matrix * F = right with soft rows of the members. The solution is repeated until the slip rates of the members are zero in
+        spite of the softness.
 
         sticks: 1 for rows that hold.
         """
@@ -79,7 +81,7 @@ class Sharing:
 
 
 def sharing(elements: Sequence[Element], gain: ca.SX, force: ca.SX, static: ca.SX) -> Sharing:
-    """Return which frictions yield where their slips are held by others, too.
+    """Return the frictions that yield because other elements hold their slips too.
 
     Raises SceneError for a load that reads the force of one of these contacts: nothing decides it, and then the motion is not unique.
     """
@@ -126,7 +128,7 @@ def _rubs(element: Element) -> bool:
 
 
 def check_loads(elements: Sequence[Element], together: Sequence[int], friction: int) -> None:
-    """Raise SceneError for a load that reads the force of one of the contacts that hold each other's slips."""
+    """Raise SceneError if a load reads the force of a contact whose slip another contact holds too."""
     for element in elements:
         read = ca.vertcat(element.static, element.load, element.sliding)
         held = next((j for j in together if ca.depends_on(read, elements[j].multiplier)), None)
@@ -144,7 +146,8 @@ def check_loads(elements: Sequence[Element], together: Sequence[int], friction: 
 
 
 def dependent_holds(elements: Sequence[Element], gain: ca.SX, among: Sequence[int] | None = None) -> list[list[int]]:
-    """Numbers of the elements, of some or of all, whose slips depend on each other at every state, by those that do: others can hold what one of them holds."""
+    """Return groups of elements whose slips depend on each other at every state, by their indices. A slip that an element of a group holds
+    can be held by others. among: elements to look at, all by default."""
     held = [i for i, e in enumerate(elements) if e.holds and (among is None or i in among)]
     if not 1 < len(held) <= MANY or gain.sparsity().is_diag():
         return []

@@ -25,7 +25,8 @@ HELD = 1e-6
 
 
 def vanishing_levers(elements: Sequence[Element], slip_of_state: ca.SX, gain_of_force: ca.SX, gain: ca.SX, along: ca.SX) -> tuple[int, ...]:
-    """1 for every friction all of whose ways to act on its own slip change with the states or time, so that all can vanish at once, else 0.
+    """Return 1 for every friction whose gain on its own slip can vanish, else 0. The gain can vanish if all levers of the friction change
+    with the states or time.
 
     They cannot where the gain does not change with them, as that of a wall around a shaft, whose levers are a cosine and a sine. A relay has no law and is
     none: at a surface that its switch does not reach it must not hold by force what it cannot.
@@ -48,7 +49,7 @@ def _changes(value: ca.SX, along: ca.SX) -> bool:
 
 
 def least_gains(gain: ca.SX, levers: Sequence[int], opposed: set[tuple[int, int]], dependent: Sequence[int] = ()) -> ca.SX:
-    """What is added to the own gain of every element that holds, so that no pivot is zero: nothing to most.
+    """Return the amount added to the own gain of every holding element, so that no pivot is zero. The amount is zero for most elements.
 
     dependent: rigid contacts whose slips others can hold.
     """
@@ -88,7 +89,7 @@ def _play(t: ca.SX, x: ca.SX, elements: Sequence[Element], gain: ca.SX, i: int, 
 
 
 def with_play(guards: ca.SX, t: ca.SX, x: ca.SX, elements: Sequence[Element], gain: ca.SX, opposed: set[tuple[int, int]]) -> ca.SX:
-    """Guards in which the gap of a contact is the play while the contact that stands against it is closed."""
+    """Return the guards with the gap of a contact replaced by the play, as long as the opposite contact is closed."""
     for pair in opposed:
         for i, j in (pair, pair[::-1]):
             still = (1 - elements[j].mode) * elements[i].mode

@@ -33,7 +33,7 @@ def place_starts(system: HybridSystem, x: np.ndarray, start: Mapping[str, Any]) 
 
 
 def is_vector(system: HybridSystem, name: str) -> bool:
-    """Whether a name is that of a vector state."""
+    """Return whether a name belongs to a vector state."""
     rows = system.state_index(name)
     return rows is not None and rows[1] is not None
 

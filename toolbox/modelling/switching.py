@@ -147,9 +147,9 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     solved_for = _solver(elements, slip_of_state) if cones.places else masked_solve
 
     def balanced(sticks: ca.SX, side: ca.SX, speeds: ca.SX, yielding: ca.SX | None = None) -> Balance:
-        """Forces for given elements that stick, directions in which the others slide, and slip speeds of those with two directions.
+        """Return the forces for given sticking elements, directions of the sliding elements, and slip speeds of those with two directions.
 
-        yielding: slip rate of every sticking row in parts of minus its force, none by default.
+        yielding: slip rate of every sticking row as a fraction of minus its force, none by default.
         """
         laws = cones.at_speed(free_sliding, speeds)
         matrix = ca.sparsify(shared.of_impulse(gain, sticks, floor) + ca.diag(side) @ cones.at_speed(coupling, speeds))
@@ -342,7 +342,8 @@ def _impact(
 
 
 def check_rates(t: ca.SX, x: ca.SX, others: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> None:
-    """Raise SceneError where the rate of a unilateral contact is not the time derivative of its closure, as numbers at random points show."""
+    """Raise SceneError if the rate of a unilateral contact is not the time derivative of its closure. Both are compared at random
+    points."""
     contacts = [element for element in elements if element.has_gap]
     if not contacts:
         return

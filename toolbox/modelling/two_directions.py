@@ -54,7 +54,7 @@ class Cones:
         self.loaded = {i: 1 - elements[loader[i]].mode if loader[i] >= 0 else ca.SX(1) for i in self.places}
 
     def shared(self, values: ca.SX) -> ca.SX:
-        """Values of all rows with those of every first row in its second, too."""
+        """Return the values of all rows, with the second row of each contact equal to its first."""
         values = ca.SX(values)
         for i in self.places:
             values[i + 1] = values[i]
@@ -73,7 +73,7 @@ class Cones:
         return length(self.slip[i : i + 2], 1 - self.elements[i].mode ** 2 * self.elements[i + 1].mode * self.loaded[i])
 
     def trial(self, sticks: ca.SX, side: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The arguments of the balance of forces in which contacts whose force follows the pull are held."""
+        """Return the arguments of the balance of forces for a trial that holds the contacts whose force follows the pull."""
         sticks, side = ca.SX(sticks), ca.SX(side)
         for i in self.places:
             slips = self.elements[i].mode ** 2 * self.elements[i + 1].mode
@@ -121,7 +121,7 @@ class Cones:
         return side, ca.vertcat(*speeds)
 
     def rounded(self, terms: ca.SX, force: ca.SX, holding: ca.SX, held: ca.SX) -> ca.SX:
-        """The terms of all forces, with what the round-off of a trial does to those whose direction follows the pull.
+        """Return the terms of all forces. Contacts whose force follows the pull get the round-off of the trial added.
 
         held: the terms of the forces of the trial, of which a component of the pull can be no more than the round-off, as where another contact holds it.
         """
@@ -132,7 +132,8 @@ class Cones:
         return terms
 
     def moving_at(self, rates: ca.SX) -> None:
-        """Set the speeds at which slip counts as ended, and from which on the force has the direction of the slip."""
+        """Set two speeds of each contact: slip counts as ended below `least`, and the force has the direction of the slip from `most`
+        on."""
         stop, start, share = ca.vertsplit(self.times)
         self.least, self.most = {}, {}
         for i in self.places:
@@ -141,7 +142,8 @@ class Cones:
             self.least[i], self.most[i] = pace * stop, pace * (2 * stop + start * ca.exp(-speeding))
 
     def guards(self, i: int, stuck: ca.SX, limit: ca.SX) -> tuple[ca.SX, ca.SX] | None:
-        """The two guards of element i where it is one of these contacts, or its second direction; None for any other."""
+        """Return the two guards of element i if it is a friction with two directions, or the second direction of such a friction; None for
+        any other element."""
         if i in self.places:
             mode, follows, loaded = self.elements[i].mode ** 2, self.elements[i + 1].mode, self.loaded[i]
             inside = (limit[i] ** 2 - ca.sumsqr(stuck[i : i + 2])) / length(stuck[i : i + 2], limit[i] ** 2)
@@ -153,7 +155,8 @@ class Cones:
         return None
 
     def probed(self, slip: ca.SX, rate: ca.SX, force: ca.SX, bound: ca.SX, pace: ca.SX) -> tuple[ca.SX, ...]:
-        """What the loops decide modes by: of these contacts the slip speed, how fast it grows, and minus the size of the force, so that slip is mode 1.
+        """Return the values by which the loops decide the modes: slip speed, its rate, and minus the size of the force of each contact. The
+        sign makes slip mode 1.
 
         In the place of the second direction stand both slips, with which no mode is decided.
         """
@@ -167,7 +170,7 @@ class Cones:
         return slip, rate, force, bound, pace
 
     def check_loads(self, attached: Sequence[int]) -> None:
-        """Raise SceneError where a rigid contact presses one of these: its impacts would take impulses in a cone."""
+        """Raise SceneError if a rigid contact presses a friction of two directions, because its impacts would need impulses in a cone."""
         for i in self.places:
             if attached[i] >= 0:
                 name, rigid = self.elements[i].name, self.elements[attached[i]].name
@@ -178,7 +181,8 @@ class Cones:
 
 
 def check_one_direction(elements: Sequence[Element], what: str, remedy: str) -> None:
-    """Raise SceneError where one of the elements is a friction with two slip directions, which `what` does not know."""
+    """Raise SceneError if an element is a friction with two slip directions. In the message, `what` is the feature for one direction only,
+    and `remedy` the way out."""
     for element in elements:
         if element.directions > 1:
             raise SceneError(f"{what} knows friction with one slip direction, but `{element.name}` has two: {remedy}.")

@@ -18,7 +18,8 @@ from toolbox.modelling.shared_holds import check_loads, dependent_holds
 
 
 def check_numbers(system: HybridSystem) -> None:
-    """Raise SceneError where the forces of a plant cannot act as they must with its numbers, which is asked again wherever they change."""
+    """Raise SceneError if the forces of a plant cannot act correctly with its numbers. The check is repeated after every change of the
+    numbers."""
     check_gain(system)
     check_rings(system)
     check_wedges(system)
@@ -26,7 +27,8 @@ def check_numbers(system: HybridSystem) -> None:
 
 
 def check_push(system: HybridSystem) -> None:
-    """The force of every elastic contact must act against its closure, where the force enters the rate of the gap and three states agree on its sign.
+    """Raise SceneError unless the force of every elastic contact acts against its closure. A contact is checked if its force enters the
+    rate of its gap and three states agree on the sign.
 
     Closing adds a N to the rate d'', N being proportional to d + (c / k) d': a must not be positive, or the contact would pull what it should stop.
     """
@@ -58,7 +60,8 @@ YIELDS = 1e-3
 
 
 def check_gain(system: HybridSystem) -> None:
-    """Every force must pull its own slip towards zero, and no slip may be a combination of others (where the numbers alone decide that)."""
+    """Raise SceneError unless every force pulls its own slip towards zero and no slip is a combination of others. If the gain varies with
+    the state, only frictions with two directions are checked."""
     gain = system.switched_equations.gain
     varies = bool(system.elements) and system.once("gain varies", lambda: ca.depends_on(gain, ca.vertcat(system.t, system.x, system.u)))
     if not system.elements or varies:

@@ -15,7 +15,7 @@ import numpy as np
 def border(
     axes: tuple[np.ndarray, np.ndarray], decide: Callable[[np.ndarray], np.ndarray], halvings: int = 3
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(where, segments): verdicts on the grid of both axes, shape (n, m), and the border of the region where they are true, shape (k, 2, 2).
+    """Return the verdicts on the grid of both axes, shape (n, m), and the border of the region in which `decide` is true, shape (k, 2, 2).
 
     decide: points, shape (k, 2) -> whether each is in the region, all that are asked at once: a sweep, or any closed form.  halvings: of every edge across
     the border. Segments end on edges of the grid, in the order (segment, end, coordinate).
@@ -38,7 +38,8 @@ class Edges:
     cells: np.ndarray
 
     def halved(self, decide: Callable[[np.ndarray], np.ndarray], times: int) -> np.ndarray:
-        """Where the verdict changes on every edge, all edges at once; decide: points -> whether the verdict is that of `high`."""
+        """Halve all edges at once and return the places at which the verdict changes. `decide` takes points and returns True for the
+        verdict of `high`."""
         low, high = self.low.copy(), self.high.copy()
         for _ in range(times if len(low) else 0):
             middle = 0.5 * (low + high)
@@ -47,7 +48,8 @@ class Edges:
         return 0.5 * (low + high)
 
     def roots(self, values: Callable[[np.ndarray], np.ndarray], precision: float) -> np.ndarray:
-        """Where a function changes its sign on every edge, in parts of it from `low`, on all edges at once; nan where it does not, or where it is not known.
+        """Return the place on every edge at which the function changes sign, as a fraction of the edge from `low`. All edges are searched
+        at once. nan if the function has no change of sign on the edge, or is not known.
 
         False position as in the Illinois method, and the middle where three of its steps have not halved what is between both signs.
 
@@ -76,7 +78,7 @@ class Edges:
 
 
 def edges_of(axes: tuple[np.ndarray, ...], where: np.ndarray, known: np.ndarray) -> Edges:
-    """The edges between neighbours of which one is in `where` and the other not, both known.
+    """Return the edges between two neighbours with different values of `where`. The verdict of both must be known.
 
     In a cell with two opposite corners in the region, the border goes around each of them: the region does not pass through its middle.
     """

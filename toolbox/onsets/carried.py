@@ -100,7 +100,7 @@ class JudgedRuns(Generic[Place]):
 
     # ------------------------------------------------------------------------------------------------------------------------------------- one run
     def job(self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False, known: Sequence[Judged] = ()) -> Job:
-        """What a run at a place is to be judged by; silent: without measurement noise;  known: what runs there came to."""
+        """Return the run at a place with its judge. silent: without measurement noise; known: results of other runs at the place."""
         begin = self.still_stuck(value, begin)
         run = dataclasses.replace(self.branch.at(value) if silent else self.at(value), accuracy=self.base.accuracy * finer)
         return Job(run, dataclasses.replace(self.judge(value), known=known), begin)
@@ -108,7 +108,8 @@ class JudgedRuns(Generic[Place]):
     def run(
         self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False, known: Sequence[Judged] = ()
     ) -> tuple[Judged, RunState | None]:
-        """What a run at a place comes to, and where it ended; silent: without measurement noise;  known: what runs there came to."""
+        """Run at a place, and return the judgement and the last state. silent: without measurement noise; known: results of other runs at
+        the place."""
         self.runs += 1
         if self.bar is not None:
             self.bar.update()
@@ -117,12 +118,14 @@ class JudgedRuns(Generic[Place]):
         return self.keeping(number, self.job(value, begin, finer, silent, known)()) if kept is None else kept
 
     def kept(self, number: int) -> tuple[Judged, RunState | None] | None:
-        """What the run of that number came to, and where it ended, where the journal knows it."""
+        """Return the judgement and the last state of a run from the journal, by the number of the run. None if the journal does not have
+        the run."""
         known = None if self.journal is None else self.journal.known.get((number,))
         return known and (Judged(*known[0]), None if known[1] is None else self.base.start.as_told(known[1]))
 
     def keeping(self, number: int, came_to: tuple[Judged, RunState | None]) -> tuple[Judged, RunState | None]:
-        """Write what the run of that number came to into the journal; not where a Python law does not tell what it remembers."""
+        """Write the result of a run into the journal, by the number of the run. A run whose Python controller does not give its memory is
+        not written."""
         judged, end = came_to
         told = None if end is None else end.told()
         if self.journal is not None and (end is None or told is not None):
@@ -138,7 +141,8 @@ class JudgedRuns(Generic[Place]):
         return Judge(self.element, self.signal, self.period, target, smooth.growth.rate, self._noise(value, smooth), self.budget)
 
     def steady(self, value: Place) -> tuple[float, RunState | None]:
-        """The judged signal in smooth running, stable or not, and a state of it a moment later, which knows the modes; nan and None where there is none."""
+        """Return the mean of the judged signal in smooth running, stable or not, and a state with its modes a moment later. nan and None if
+        there is no smooth running."""
         if value not in self.resting:
             smooth, self.resting[value] = self.branch(value), (math.nan, None)
             if smooth is not None:
@@ -171,13 +175,15 @@ class JudgedRuns(Generic[Place]):
         return begin
 
     def still_stuck(self, value: Place, begin: RunState) -> RunState:
-        """A state with the contacts that stick at rest at a value on which their slip depends, as on the speed of a belt: a jump of it would end the stick."""
+        """Return the state with every sticking contact kept at rest at the new value. The slip may depend on the value, as on the speed of
+        a belt, and a jump of the slip would end the stick."""
         modes = self._modes(begin)
         return self._projected(value, begin, modes) if 0.0 in modes.values() else begin
 
     # ----------------------------------------------------------------------------------------------------------------------- from smooth running
     def smooth(self, value: Place, finer: float = 1.0) -> Judged:
-        """What the least disturbance of smooth running comes to; where it ends in stick-slip or standstill, its end is kept to continue from."""
+        """Return the judgement on smooth running with the smallest disturbance. The last state is kept if the run ends in stick-slip or
+        standstill."""
         found = self.branch(value)
         if found is None:
             return Judged(NONE)
@@ -188,7 +194,7 @@ class JudgedRuns(Generic[Place]):
         return judged
 
     def keep_led(self, value: Place, judged: Judged, end: RunState | None) -> None:
-        """Keep where smooth running that was lost has led to, to continue from there."""
+        """Keep the last state of a run whose smooth running was lost to stick-slip or standstill, as a start of later runs."""
         if judged.regime in (STICKS, STANDS) and end is not None:
             self.led.setdefault(value, (judged.regime, end))
 
@@ -204,7 +210,8 @@ class JudgedRuns(Generic[Place]):
         return found.state.at_values(found.state.values + self.perturbation * size * found.direction)
 
     def stopped(self, value: Place) -> RunState | None:
-        """Smooth running whose judged contact is stopped at once, as by a stuck bit; None where there is no smooth running."""
+        """Return the state of smooth running with the judged contact stopped at once, like a bit that gets stuck. None if there is no
+        smooth running."""
         smooth = self.branch(value)
         if smooth is None:
             return None
@@ -236,7 +243,7 @@ class JudgedRuns(Generic[Place]):
 
 @dataclass(kw_only=True)
 class Carried(Generic[Place]):
-    """Stick-slip and standstill of a loop, each found where it exists and carried on to other places.
+    """Stick-slip and standstill of a loop: each is found at some places and carried on to other places.
 
     Attributes
     ----------
@@ -266,14 +273,15 @@ class Carried(Generic[Place]):
     begun: set[tuple[Place, str]] = field(default_factory=set)
 
     def still_starts(self, value: Place) -> Iterator[tuple[str, RunState]]:
-        """(what it is, state) of the starts with a contact at rest: smooth running with the contact stopped, and rest."""
+        """Yield (name, state) of the two starts with a contact at rest: smooth running with the contact stopped, and rest."""
         stopped: RunState | None = self.search.stopped(value)
         if stopped is not None:
             yield STOPPED, stopped
         yield "rest", self.search.base.start
 
     def starts(self, value: Place) -> Iterator[tuple[str, RunState]]:
-        """(what it is, state) from which stick-slip may start: the starts with a contact at rest, and smooth running in which each mode swings."""
+        """Yield (name, state) of the starts of stick-slip: the starts with a contact at rest, then smooth running disturbed along each
+        weakly damped mode."""
         yield from self.still_starts(value)
         search, smooth = self.search, self.search.branch(value)
         if smooth is None:
@@ -291,13 +299,14 @@ class Carried(Generic[Place]):
     def tried(
         self, value: Place, begin: RunState, finer: float = 1.0, begun: str = "stick-slip carried on", known: Sequence[Judged] = ()
     ) -> Judged:
-        """A run from a beginning, with where it ends kept by what it ends in; begun: what it begins from;  known: what runs there came to."""
+        """Run from a start, and keep the last state under the regime in which the run ends. begun: name of the start; known: results of
+        other runs at the place."""
         judged, end = self.search.run(value, begin, finer=finer, known=known)
         self.keep(value, judged, end, begun)
         return judged
 
     def keep(self, value: Place, judged: Judged, end: RunState | None, begun: str) -> None:
-        """Keep what a run came to, and where it ended; begun: what it began from."""
+        """Keep the judgement on a run and its last state. begun: name of the start of the run."""
         if end is not None and judged.regime == STICKS:
             self.cycling[value] = end
             self.rounds.setdefault(value, []).append((begun, judged, end))
@@ -316,7 +325,8 @@ class Carried(Generic[Place]):
         return self.cycling.get(value)
 
     def begun_from_all(self, value: Place) -> None:
-        """Begin stick-slip at a value from all beginnings; the cycle that is carried on stays the one that was known."""
+        """Begin stick-slip at a value from all starts that were not tried. A cycle that was known before remains the cycle that is carried
+        on."""
         known = self.cycling.get(value)
         for begun, begin in self._untried(value):
             self.tried(value, begin, begun=begun, known=self.known(value))
@@ -324,7 +334,7 @@ class Carried(Generic[Place]):
             self.cycling[value] = known
 
     def known(self, value: Place) -> list[Judged]:
-        """What runs at a value have come to that tells of others there: all rounds, and smooth running."""
+        """Return earlier judgements at a value that help to judge other runs there: all stick-slip cycles, and smooth running."""
         known: list[Judged] = [judged for _, judged, _ in self.rounds.get(value, ())]
         return [self.calm[value], *known] if value in self.calm else known
 
@@ -336,7 +346,7 @@ class Carried(Generic[Place]):
                 yield begun, begin
 
     def outside(self, edge: Place, beyond: Iterable[Place]) -> None:
-        """Stick-slip outside of an edge of what is looked at, led up to the edge; beyond: places there, the nearest first."""
+        """Look for stick-slip outside of an edge of the range, and lead it to the edge. beyond: places outside, the nearest first."""
         for value in beyond:
             try:
                 end = self.seek(value)
@@ -348,7 +358,8 @@ class Carried(Generic[Place]):
                 return
 
     def led(self, origin: Place, goal: Place) -> bool:
-        """Whether stick-slip at one value reaches another, in steps that are halved where it is lost; where it comes to is kept."""
+        """Lead stick-slip from one value to another, and return whether it arrives. A step that loses stick-slip is halved. The results of
+        all steps are kept."""
         part, size = 0.0, 0.25
         here = origin
         while part < 1.0 and size >= FINEST:

@@ -22,7 +22,8 @@ FIRST, LONGEST, LAST = 1 / 32, 1 / 8, 1 / 4096
 
 
 def coexisting(inside: Inside, values: Sequence[float], at: float) -> tuple[Coexisting, ...]:
-    """The cycles at the value with the most of them, the nearest one to a working point; none where nowhere two were seen."""
+    """Return the cycles at the value with most cycles. Of several such values the nearest to the operating point is taken. Empty if no
+    value has two cycles."""
     most: list[tuple[str, Judged, RunState]] = []
     where = math.nan
     for value in sorted(values, key=lambda value: abs(value - at)):

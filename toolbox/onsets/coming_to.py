@@ -45,7 +45,7 @@ def verdict_on(run: Trajectory, element: str, signal: str, after: float) -> tupl
 
 
 def of_run(run: Trajectory, element: str, after: float, judged: Judged | None) -> tuple[Verdict, Judged | None]:
-    """Return the verdict on a run of which the judge found something, or nothing, and that."""
+    """Return the verdict on a run and its judgement. Without a judgement, the verdict follows from the intervals of stick in the run."""
     length = run.end - max(after, run.begin)
     intervals = lasting(stick_intervals(run, element, after), length)
     if judged is not None:
@@ -55,7 +55,8 @@ def of_run(run: Trajectory, element: str, after: float, judged: Judged | None) -
 
 
 def comes_to(run: Trajectory, element: str, signal: str, after: float) -> Judged | None:
-    """Return what a run comes to: from a time on as it is, and carried on with its inputs as they are at its end where that does not tell.
+    """Return the judgement on a run from a time on. If the run itself does not decide, it is continued with the inputs of its end. None if
+    the loop cannot be judged.
 
     None where no judge can say more than the run shows: an input or a law goes on changing in time, friction has two directions, nothing tells the scale of
     time because the machine has no steady running, or what is looked at is shorter than a swing.
@@ -75,7 +76,7 @@ def comes_to(run: Trajectory, element: str, signal: str, after: float) -> Judged
 
 @dataclass(frozen=True)
 class Settled:
-    """A closed loop whose inputs are as they are at last, and the judge of its runs from the time on from which they are.
+    """A closed loop with the last values of its inputs, and the judge of its runs. No input changes after the time `begin`.
 
     runs: of the loop;  begin: the time [s].
     """
@@ -93,7 +94,7 @@ class Settled:
         accuracy: float | None = None,
         known: SmoothBranch[float] | None = None,
     ) -> Settled | None:
-        """The judge of a loop; None where it can say nothing. known: smooth running of the same loop with other seeds."""
+        """Return the judge of a loop, or None if the loop cannot be judged. known: smooth running of the same loop with other seeds."""
         settled = _settled(loop, after)
         if settled is None:
             return None
@@ -113,18 +114,19 @@ class Settled:
 
     @property
     def rate(self) -> float:
-        """Rate at which a small disturbance of smooth running grows [1/s]; nan where it is not known."""
+        """Rate at which a small disturbance of smooth running grows [1/s]; nan if the rate is not known."""
         return self.runs.branch.rate(HERE)
 
     def judged(self, run: Trajectory) -> Judged | None:
-        """What a run of this loop comes to; None where it fails."""
+        """Return the judgement on a run of this loop. An undecided run is continued. None if the continued run fails."""
         with contextlib.suppress(SceneError, SimulationError):
             judged = self.runs.judge(HERE).of_run(run, self.begin)
             return self.runs.run(HERE, run.last)[0] if judged.regime == NOT_DECIDED else judged
         return None
 
     def of_start(self, start: RunState, budget: float) -> Judged | None:
-        """What the loop comes to with its inputs as they are at last from a start, within so many swings; None where it fails."""
+        """Return the judgement on a run from a start with the last values of the inputs. budget: longest duration of the run in swings.
+        None if the run fails."""
         with contextlib.suppress(SceneError, SimulationError):
             return dataclasses.replace(self.runs, budget=budget).run(HERE, start)[0]
         return None

@@ -36,7 +36,8 @@ class Comparison(Result):
         return self.onsets[label]
 
     def plot(self) -> Any:
-        """Draw the bifurcation diagram of every controller, one panel each, on common axes; returns the axes. Raises SceneError where all failed."""
+        """Draw the bifurcation diagram of every controller, one panel each, on common axes, and return the axes. SceneError is raised if
+        the onset of every controller failed."""
         from toolbox.onsets.figures import onset_panels
 
         return onset_panels(self.onsets)

@@ -36,7 +36,8 @@ NEAR = 0.01
 
 
 def exact(border: Border, inside: Inside, width: float) -> Border:
-    """A border of stick-slip with the value at which its cycle, followed, stops being stable; as it was where no cycle can be followed to there.
+    """Return a border of stick-slip at the value that ends the stability of the followed cycle. If no cycle can be followed so far, the
+    border is returned unchanged.
 
     A sampled law has none: its clock and its swing go by one another.
 
@@ -75,7 +76,7 @@ def exact(border: Border, inside: Inside, width: float) -> Border:
 
 
 def settled(search: OnsetSearch, begin: RunState, origin: float) -> Cycle | None:
-    """The cycle in which stick-slip at a value settles; None where no cycle is found."""
+    """Return the stick-slip cycle that a run at a value settles in. None if no cycle is found."""
     duration, accuracy = SETTLED * search.period, min(search.base.accuracy, 1e-9)  # at which a cycle can be told
     try:
         run = search.at(origin).again(start=begin, accuracy=accuracy, duration=duration, longest_step=duration / 256)

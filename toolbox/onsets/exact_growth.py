@@ -27,7 +27,7 @@ def exact_run(base: Run) -> Run | None:
 
 
 def exact_smooth(run: Run, begin: RunState, target: Run) -> Smooth | None:
-    """Smooth running near a state, and its growth by the exact matrix of the loop; None where none is found.
+    """Return smooth running near a state, with its growth from the exact matrix of the loop. None if no smooth running is found.
 
     target: the run whose states the result has, which may have noise.
 

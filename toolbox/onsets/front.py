@@ -55,7 +55,7 @@ class Front(Carried[complex]):
         return [judged[place] for place in self.places]
 
     def stopped(self) -> None:
-        """Stick-slip from the judged contact stopped at once, at every point where smooth running has not led to it."""
+        """Begin stick-slip by a sudden stop of the judged contact, at every point without stick-slip."""
         jobs: dict[complex, Job] = {}
         for place in self.places:
             begin = None if place in self.cycling else self.search.stopped(place)
@@ -96,7 +96,7 @@ class Front(Carried[complex]):
         ]
 
     def entered(self) -> None:
-        """Look for stick-slip outside of the map, beyond the middle of each side where none is known, and lead it onto the side."""
+        """Look for stick-slip outside of the map, beyond the middle of each side without stick-slip, and lead it to the side."""
         rows, columns = self.shape
         sides = [(0, columns // 2, 0, -1.0), (rows - 1, columns // 2, 0, 1.0), (rows // 2, 0, 1, -1.0), (rows // 2, columns - 1, 1, 1.0)]
         for i, j, axis, sign in sides:
@@ -108,7 +108,8 @@ class Front(Carried[complex]):
             self.outside(edge, map(self.plane.place, beyond))
 
     def spread(self, known: Container[complex] = ()) -> None:
-        """Lead stick-slip from the points where it is to their neighbours, as far as it lasts; known: points from which it was led already."""
+        """Lead stick-slip from each point with a cycle to the neighbours of the point, as far as it lasts. known: points whose stick-slip
+        was led before."""
         waiting = [k for k, place in enumerate(self.places) if place in self.cycling and place not in known]
         while waiting:
             k = waiting.pop()
@@ -120,7 +121,8 @@ class Front(Carried[complex]):
                     waiting.append(n)
 
     def passed(self) -> None:
-        """Lead the cycle at the far end of each row of stick-slip over the first number by itself through it, and on where it outlives the one at its end.
+        """Lead the cycle at the far end of each row of stick-slip through the row, over the first number. The cycle is led on if it
+        outlives the cycle at the end of the row.
 
         Several cycles may live side by side, of which a point keeps the first that was found.
         """
@@ -151,7 +153,7 @@ class Front(Carried[complex]):
                 return
 
     def halved(self, edges: Edges, times: int, prepared: Callable[[Sequence[complex]], None]) -> np.ndarray:
-        """Where stick-slip ends on every edge of the grid across its border, from the side where it lasts (`high`).
+        """Return the end of stick-slip on every edge across its border. Each edge is searched from `high`, the side with stick-slip.
 
         prepared: called with the places that are looked at next.
         """

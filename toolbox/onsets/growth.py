@@ -54,7 +54,8 @@ EXACT_SENSORS = {".sensors.noise": 0.0, ".sensors.resolution": 1e-18}
 
 
 def check_autonomous(loop: ClosedLoop, word: str) -> None:
-    """Raises SceneError where time itself enters an equation, where `word` says what needs a machine that stays the same."""
+    """Raise SceneError if time itself enters an equation. word: the clause of the message that says for which purpose the machine must not
+    change in time."""
     if loop.depends_on_time:
         raise SceneError(
             f"Argument `loop` must not depend on time itself for {word}, but time enters the equations of its plant or of a law."
@@ -99,11 +100,13 @@ class SmoothBranch(Generic[Place]):
         return math.nan if found is None else found.growth.rate
 
     def rate_near(self, value: Place) -> float:
-        """Rate at which a small disturbance grows at a place, else next to it where it is known there [1/s]; nan where it is not."""
+        """Return the rate at which a small disturbance grows at a place [1/s]. If the rate is not known there, the rate at a near place is
+        returned; nan if no rate is known."""
         return next((rate for part in NEARBY if math.isfinite(rate := self.rate(value * (1.0 + part)))), math.nan)
 
     def bracket(self, a: Place, b: Place) -> tuple[Place, Place]:
-        """Places on the straight way between two at which the growth is known and has different signs; raises SimulationError where there are none nearby."""
+        """Return two places on the line between two places with known growth of different signs. SimulationError is raised if no such pair
+        is found."""
         for _ in range(HALVINGS):
             rates = self.rate(a), self.rate(b)
             if rates[0] * rates[1] < 0:
@@ -118,7 +121,8 @@ class SmoothBranch(Generic[Place]):
         raise SimulationError("The growth of smooth running is not known on both sides of its border.")
 
     def loss(self, one: float, other: float, precision: float | None = None) -> float:
-        """Where the rate is zero, between values at which its signs differ, by default to 1e-10; raises SimulationError where none is known on the way."""
+        """Return the value at which the rate of growth is zero, between two values with rates of different signs, by default to 1e-10.
+        SimulationError is raised if the rate is not known on the way."""
 
         def rate(value: float) -> float:
             if math.isnan(found := self.rate_near(value)):
@@ -202,7 +206,8 @@ class SmoothBranch(Generic[Place]):
         return Smooth(nearest, growth, np.concatenate([nearest.states, np.zeros(nearest.values.size - nearest.states.size)]))
 
     def shaken(self, run: Run, state: RunState) -> FloatArray:
-        """A disturbance of the states in which every swing of the plant shows as large at the contacts as they slip; all of them together ten times at most."""
+        """Return a disturbance of the states along every swing of the plant. Each swing shows at the contacts with the size of their slips;
+        the sum shows with ten times this size at most."""
         away = state.states.copy()
         with contextlib.suppress(SceneError):
             point = at_set_points(run.loop)
@@ -234,7 +239,8 @@ class SmoothBranch(Generic[Place]):
 
 
 def begun_at(run: Run, point: Equilibrium) -> RunState:
-    """The beginning of a run at a steady state: states of sampled laws become their memory, and what they drive is held."""
+    """Return the initial state of a run at a steady state. States of sampled controllers become their memory, and their commands are
+    held."""
     names = [*run.system.states, *(name for update in run.system.updates for name in (*update.places, *update.names))]
     known = {name: point[name] for name in names if point.plant.has_signal(name)}
     return RunState.begun(run.system, run.plant, run.clocks).with_values(known)

@@ -56,14 +56,15 @@ class Inside(Carried[float]):
 
     @staticmethod
     def of(search: OnsetSearch) -> Inside:
-        """Nothing found yet, but what smooth running that was lost has led to."""
+        """Return the search from inside, before any run of its own. The search starts with the stick-slip and standstill to which lost
+        smooth running has led."""
         old = search.followed
         rest = old and EquilibriumBranch(old.closed, old.free, old.inputs, {**(old.mode or {}), search.element: "stick"})
         ends = {word: {value: end for value, (regime, end) in search.led.items() if regime == word} for word in (STICKS, STANDS)}
         return Inside(search=search, rest=rest, cycling=ends[STICKS], standing=ends[STANDS])
 
     def standstill(self, value: float) -> RunState | None:
-        """The steady state with the contact stuck, where there is one that stays."""
+        """Return the steady state with the contact stuck. None if there is no such state, or if it does not last."""
         if value not in self.standing:
             point = self._stuck_state(value)
             if point is None:
@@ -106,7 +107,7 @@ class Inside(Carried[float]):
         return [self.found[value] for value in values]
 
     def is_free(self, value: float, origin: float, finer: float = 1.0) -> bool:
-        """Whether stick-slip, led on from where it was found, ends at a value."""
+        """Return whether stick-slip that is carried on from its origin ends at a value."""
         if origin not in self.cycling:  # a finer run has shown that there is none
             origin = min(self.cycling, key=lambda each: abs(each - value), default=math.nan)
         if math.isnan(origin):
@@ -121,7 +122,7 @@ class Inside(Carried[float]):
 
     # ---------------------------------------------------------------------------------------------------------------------------------- standstill
     def is_moving(self, value: float, origin: float, finer: float = 1.0) -> bool:
-        """Whether standstill, carried on from where it was found, ends at a value."""
+        """Return whether standstill that is carried on from its origin ends at a value."""
         if finer == 1.0 and self.standstill(value) is not None:
             return False
         judged, end = self.search.run(value, self.search.walked(self.standing[origin], origin, value), finer=finer)
@@ -130,7 +131,7 @@ class Inside(Carried[float]):
         return judged.regime != STANDS
 
     def ends(self, values: Sequence[float], tolerance: float) -> list[Border]:
-        """The borders of stick-slip, each with what the cycle turns into beyond it."""
+        """Return the borders of stick-slip, each with the regime beyond the border."""
         for _ in range(ROUNDS):
             self.sweep(values)
             there = [value in self.cycling for value in values]
@@ -172,7 +173,8 @@ class Inside(Carried[float]):
         return self.became[min(safe, key=lambda value: abs(value - border.value))] if safe else ""
 
     def breakaways(self, values: Sequence[float], tolerance: float) -> list[Border]:
-        """The borders of standstill: exact where it is a steady state up to there, else by runs."""
+        """Return the borders of standstill. A border is exact if standstill is a steady state up to the border, and is found by runs
+        otherwise."""
         there = [value in self.standing for value in values]
         borders = []
         for border in self.search.borders(values, [not each for each in there], self.is_moving, tolerance):

@@ -55,7 +55,8 @@ class Growth:
 
 @dataclass(frozen=True)
 class Smooth:
-    """Smooth running at one value: its state, how a disturbance grows, and the direction in which it does, in the entries of `RunState.values`.
+    """Smooth running at a value: its state, the growth of a disturbance, and the direction of the growing disturbance in the entries of
+    `RunState.values`.
 
     The direction is at the phase at which a contact moves most.
     """
@@ -66,7 +67,8 @@ class Smooth:
 
 
 def swing_period(rest: Equilibrium) -> float:
-    """Period of the least damped swing of a steady state [s], or the time constant of its slowest motion where nothing swings.
+    """Return the period of the least damped swing of a steady state [s]. If no motion swings, the time constant of the slowest motion is
+    returned.
 
     Of several that are damped alike, as all are where drag is spread along a string, it is the slowest.
     """
@@ -104,14 +106,15 @@ def slip_rows(system: HybridSystem, states: FloatArray, values: FloatArray) -> F
 
 
 def least_damped(exponents: np.ndarray, motions: np.ndarray, rows: np.ndarray) -> int:
-    """Which motion (columns) grows fastest, of those that show in the slips of the contacts; of a pair the one with the positive frequency."""
+    """Return the index of the motion (column) that grows fastest among the motions visible in the slips of the contacts. Of a pair the
+    motion with positive frequency is taken."""
     seen = np.abs(rows @ motions).max(axis=0, initial=0.0) > VISIBLE * np.abs(motions).max(axis=0)
     chosen = np.flatnonzero(seen) if seen.any() else np.arange(exponents.size)
     return int(max(chosen, key=lambda k: (round(float(exponents[k].real), 12), float(exponents[k].imag))))
 
 
 def in_phase(motion: np.ndarray, rows: FloatArray) -> FloatArray:
-    """The real direction of a motion at the phase at which the contact (rows) that it moves most is moved most."""
+    """Return the real direction of a motion at the phase of largest displacement of the contact (row) that the motion moves most."""
     moved = rows @ motion
     most = moved[np.argmax(np.abs(moved))] if moved.size else 0.0
     return np.real(motion / most * abs(most)) if most else np.real(motion)

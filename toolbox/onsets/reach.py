@@ -85,7 +85,8 @@ def _starts(carried: Carried[Place], value: Place) -> Iterator[tuple[str, float,
 
 
 def held_starts(search: JudgedRuns[Place], value: Place) -> Iterator[RunState]:
-    """States in which the controllers take over the stick-slip of the plant whose commands were held at their values in smooth running."""
+    """Yield states of stick-slip of the plant under constant commands, with the values of smooth running. From each state the controllers
+    take over."""
     loop = search.at(value).loop
     with contextlib.suppress(SceneError, SimulationError):
         for start in under_held_commands(loop):

@@ -19,7 +19,8 @@ MEANINGS = {
 
 
 def outlines(axes: tuple[np.ndarray, np.ndarray], where: np.ndarray, segments: np.ndarray) -> list[np.ndarray]:
-    """Polygons, one or two per cell of the grid, that fill the region where `where` is true up to its border, shape (corners, 2) each.
+    """Return polygons that fill the region up to its border. `where` is true inside. A cell of the grid has one or two polygons, shape
+    (corners, 2) each.
 
     `axes` are the values of both numbers, and `segments` those of the border, shape (k, 2, 2), whose ends lie on edges of the grid. An edge between a point
     inside and a point outside that the border does not cross is cut in its middle. In a cell with two opposite corners inside, each of them has a polygon of

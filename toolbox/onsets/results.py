@@ -57,7 +57,7 @@ class Border:
 
 @dataclass(frozen=True)
 class Coexisting:
-    """One of several stick-slip cycles at one value.
+    """A stick-slip cycle that exists beside others at the same value.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Reached:
 
 @dataclass(frozen=True)
 class Onset(Told, Result):
-    """What a machine does over one parameter, on both of its branches: `print(onset)` for the report, `onset.plot()` for the picture.
+    """Regimes of a machine over a parameter, on both branches: `print(onset)` prints the report, `onset.plot()` draws the picture.
 
     Attributes
     ----------
@@ -190,22 +190,26 @@ class Onset(Told, Result):
 
     @property
     def loss(self) -> float:
-        """Parameter value at which smooth running is lost; the one nearest to the working point; nan if there is none in the range."""
+        """Parameter value at which smooth running is lost. Of several values, the nearest to the operating point; nan if none is in the
+        range."""
         return self._nearest(self.losses)
 
     @property
     def end(self) -> float:
-        """Parameter value at which stick-slip ends and the machine turns on; the one nearest to the working point; nan if there is none in the range."""
+        """Parameter value at which stick-slip ends and the machine keeps turning. Of several values, the nearest to the operating point;
+        nan if none is in the range."""
         return self._nearest(self.ends)
 
     @property
     def stall(self) -> float:
-        """Parameter value at which existing stick-slip ends in a standstill; the one nearest to the working point; nan if there is none in the range."""
+        """Parameter value at which existing stick-slip ends in a standstill. Of several values, the nearest to the operating point; nan if
+        none is in the range."""
         return self._nearest(self.stalls)
 
     @property
     def breakaway(self) -> float:
-        """Parameter value at which a standstill breaks away; the one nearest to the working point; nan if there is none in the range."""
+        """Parameter value at which a standstill breaks away. Of several values, the nearest to the operating point; nan if none is in the
+        range."""
         return self._nearest(self.breakaways)
 
     @property
@@ -474,7 +478,8 @@ class Onset(Told, Result):
         return headings, rows
 
     def save_borders(self, path: str | Path) -> Path:
-        """Write one row per border as csv, whole or not at all: Hopf points, and all borders with tolerance, safe side, what is beyond, and how it is known."""
+        """Write a csv file with a row per border, whole or not at all. The rows hold the Hopf points and all borders, with tolerance, safe
+        side, the regime beyond, and how the border was followed."""
         from toolbox.files import tables
 
         rows: list[list[object]] = [["Hopf point", point.value, 0.0, point.stable, "", "exact", "yes"] for point in self.hopf]

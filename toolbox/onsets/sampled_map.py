@@ -95,7 +95,8 @@ class SampledMap:
         return self.point(self._again(self.state_at(point), self.span).last)
 
     def sizes(self, point: FloatArray) -> FloatArray:
-        """How far each entry of a point moves where the states are disturbed by KICK; for what does not move, KICK of its value or of 1."""
+        """Return the displacement of each entry of a point after a disturbance of the states by KICK. An entry that does not move gets KICK
+        times its value, or KICK if the value is zero."""
         n = self.state.states.size
         moved, still = point.copy(), point
         moved[:n] *= 1.0 + KICK

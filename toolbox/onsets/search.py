@@ -56,7 +56,8 @@ class OnsetSearch(JudgedRuns[float]):
     followed: EquilibriumBranch | None
 
     def losses(self, values: Sequence[float], tolerance: float) -> list[Border]:
-        """The borders of smooth running: where its growth changes its sign, else between neighbours of which one has no smooth running."""
+        """Return the borders of smooth running: the places at which its growth changes sign. If the growth is not known, the border is
+        searched between neighbours with and without smooth running."""
         safe = [self._is_smooth(value, value) for value in values]
         found = []
         for (a, safe_a), (b, safe_b) in itertools.pairwise(zip(values, safe, strict=True)):

@@ -174,7 +174,8 @@ def _takes(loop: ClosedLoop, name: str) -> bool:
 
 
 def at_set_point(law: Any, reference: float) -> Any:
-    """A law, and the laws inside of it, with that set-point [rad/s]; what is no dataclass is returned as it is."""
+    """Return a controller with this set-point [rad/s], also in the controllers inside of it. An object that is no dataclass is returned
+    unchanged."""
     if not dataclasses.is_dataclass(law):
         return law
     changed = {each.name: at_set_point(getattr(law, each.name), reference) for each in dataclasses.fields(law) if each.init}

@@ -23,7 +23,8 @@ TWIN_SWINGS, LONGEST_TWIN, SAMPLES = 2, 40, 32
 
 
 def twin_growth(run: Run, state: RunState, away: FloatArray, swing: float) -> Growth | None:
-    """The growth of what is between two runs that begin on both sides of smooth running; None where two sizes of it never agree.
+    """Return the growth of the difference of two runs that begin on opposite sides of smooth running. None if the growths for two sizes of
+    the difference never agree.
 
     It counts once it stays the same from piece to piece and what is between the runs is in proportion to how far apart they began: it is neither the chatter of
     a law nor so large that it grows otherwise.
@@ -69,7 +70,7 @@ class Twins:
     rows: FloatArray
 
     def on(self, swing: float) -> tuple[complex, float]:
-        """Carry both on by a few swings: (exponent of what is between them, its largest size)."""
+        """Continue both runs by a few swings, and return the exponent and the largest size of their difference."""
         duration = TWIN_SWINGS * swing
         both = [
             self.run.again(start=end, duration=duration, accuracy=EXACT, output_times=None, longest_step=swing / 16) for end in self.ends

@@ -76,7 +76,8 @@ CLOSE = 1e-9
 
 
 def limits_reached(run: Trajectory, until: float) -> dict[str, list[tuple[str, float, float]]]:
-    """{signal: (limit in words, its value, time [s] in which the command is at it)} of the limits that controllers know and reach before a time [s]."""
+    """Return {signal: (limit in words, value of the limit, time [s] at the limit)} for the limits that the controllers declare and reach
+    before a time [s]."""
     found: dict[str, list[tuple[str, float, float]]] = {}
     plant = run.run.loop.plant
     nodes = run.time <= until
@@ -121,7 +122,8 @@ def _number_of(name: str, run: Trajectory) -> float:
 
 
 def verdict_of(scene: Any, run: Trajectory) -> tuple[Verdict, dict[str, float], Judged | None]:
-    """The verdict on a run in words, its measures by the names of their columns, and what the judge found; None where he says no more than the run shows.
+    """Return the verdict on a run in words, its metrics by the names of their columns, and the judgement. The judgement is None if it adds
+    nothing to the run itself.
 
     scene: a scene, or a loop with all that a scene says of it.
     """

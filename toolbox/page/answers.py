@@ -43,7 +43,7 @@ LOOKING_ON = Verdict("not decided yet")
 
 
 class Later(Exception):
-    """What is under way takes too long for the moment."""
+    """The work takes too long for an answer now."""
 
 
 def packed(values: FloatArray) -> str:
@@ -52,7 +52,7 @@ def packed(values: FloatArray) -> str:
 
 
 def shown_signals(run: Trajectory, loop: ClosedLoop) -> list[str]:
-    """Names of the signals of the traces: the judged one and its effort first, then those that say most."""
+    """Return the names of the signals of the traces: the judged signal and its effort first, then the main signals of the run."""
     return [name for name in dict.fromkeys([loop.signal, *run.main_signals, loop.effort]) if name is not None and name in run]
 
 
@@ -106,7 +106,8 @@ def answer(
 
 
 def traces(run: Trajectory, names: Sequence[str], begin: float, end: float) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Times and signals for a screen: even points and every event, or the extremes in columns where there is much to see."""
+    """Return times and signals for a screen: even points and every event, or the extremes per column of the screen for a run of many
+    steps."""
     nodes = run.every_step
     first, last = np.searchsorted(nodes.time, [begin, end])
     inside = nodes.time[first:last]
@@ -126,7 +127,7 @@ def traces(run: Trajectory, names: Sequence[str], begin: float, end: float) -> t
 
 
 def closer(run: Trajectory, names: Sequence[str], window: tuple[float, float], display_units: Mapping[str, str]) -> dict[str, Any]:
-    """The traces of a window of time; raises SceneError where it is empty. Units are those of the whole run."""
+    """Return the traces of a window of time, in the units of the whole run. SceneError is raised for an empty window."""
     if not window[0] < window[1]:
         raise SceneError("Argument `begin` must be before `end`, within the run, but it is not.")
     time, rows = traces(run, names, *window)
@@ -185,7 +186,8 @@ def spectrum(run: Trajectory, signal: str | None, begin: float, end: float, disp
 
 
 def tone_of(frequency: FloatArray, amplitude: FloatArray) -> float | None:
-    """The frequency of the highest peak of a spectrum [Hz] among those that come at least so many times; None where there is no peak.
+    """Return the frequency of the highest peak of a spectrum [Hz]. A peak counts only from a least number of periods on; None if there is
+    no peak.
 
     frequency, amplitude: of even steps from zero on, seen through a Hann window.
     """
@@ -203,7 +205,7 @@ def tone_of(frequency: FloatArray, amplitude: FloatArray) -> float | None:
 
 # ------------------------------------------------------------------------------------------------------------------------------------ in words
 def reason(loop: ClosedLoop, words: str, judged: Judged | None, found: Mapping[str, float], run: Trajectory) -> str:
-    """Why the verdict is what it is, in a sentence or two."""
+    """Return the reason of the verdict, in a sentence or two."""
     who, after = f"`{loop.element}`" if loop.element else "The contact", loop.after or 0.0
     sticks: Sequence[tuple[float, float]] = []
     if loop.element is not None and loop.element in run.modes:
@@ -238,7 +240,7 @@ def reason(loop: ClosedLoop, words: str, judged: Judged | None, found: Mapping[s
 
 
 def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Trajectory, display_units: Mapping[str, str]) -> list[list[str]]:
-    """[what, number] of the measures of the verdict."""
+    """Return [name, number with unit] for each metric of the verdict."""
     rows = []
     for name, value in found.items():
         if math.isnan(value):
@@ -340,7 +342,7 @@ def _swings(poles: np.ndarray) -> str:
 
 
 def at_last(value: Any) -> Any:
-    """An input as it is at last, where it is a table."""
+    """Return the last value of a table; any other input is returned unchanged."""
     return float(value.values[-1]) if isinstance(value, Table) else value
 
 

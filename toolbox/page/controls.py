@@ -70,7 +70,7 @@ class Control:
 
 
 def controls_of(loop: ClosedLoop, display_units: Mapping[str, str]) -> list[Control]:
-    """Every number of a declared loop as a control, those that matter most first; a state that has a name as a signal goes by that one.
+    """Return every number of a declared loop as a control, the most important first. A state with a signal name appears under this name.
 
     asked: {unit: unit in which numbers of it are read}.
     """

@@ -56,7 +56,8 @@ def drawn(
 
 
 def told(found: SeverityMap, readings: Mapping[str, tuple[float, str]]) -> dict[str, Any]:
-    """A map for the page: what it is at its points, the borders, and where stick-slip lasts and smooth running is lost, as polygons up to them."""
+    """Return a map for the page: the region of each point, the borders, and two areas as polygons up to the borders, for lasting stick-slip
+    and for lost smooth running."""
     factors = [readings[name][0] for name in found.names]
     regions = found.regions
     names = [*regions]
@@ -83,7 +84,8 @@ def _rounded(values: Any) -> list[Any]:
 
 
 def ranges(controls: Mapping[str, Control], names: Sequence[str], loop: ClosedLoop) -> dict[str, tuple[float, float]]:
-    """The ranges of a map in SI: those of the sliders, without zero, where nothing runs smoothly, and as far as the machine is one.
+    """Return the ranges of a map in SI: the ranges of the sliders, without zero, at which no machine runs smoothly, and within the values
+    that the plant accepts.
 
     loop: the setting, from whose values on an end counts that the machine bears, such as a kinetic friction below the static one.
     """

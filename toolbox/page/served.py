@@ -435,7 +435,7 @@ def explore(loop: ClosedLoop | HybridSystem | Scene, duration: NumberOrText | No
 
 
 def page_of(scene: Scene, path: str | None, system: str | None, port: int) -> Page:
-    """The page of a scene, which is not served yet. path: its file;  system: the system of units, None for those that people read."""
+    """Return the page of a scene, not served yet. path: file of the scene; system: system of units, None for the units that people read."""
     return Page({label: scene[label] for label in scene.labels}, scene, path, system, port)
 
 

@@ -50,7 +50,7 @@ UNANSWERED = "The page cannot answer this question; the log says why."
 
 
 class Server(ThreadingHTTPServer):
-    """Serves one page. answer: (what is asked for, what the page sent) -> what it gets, or an iterator of such things, which are sent one by one."""
+    """Server of a page. answer: function (path, data from the page) -> reply, or an iterator of replies, which are sent singly."""
 
     daemon_threads = True
     allow_reuse_address = False
@@ -73,7 +73,7 @@ class Server(ThreadingHTTPServer):
         return f"127.0.0.1:{port}", f"localhost:{port}"
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Begin a connection, and end the oldest of those that have not shown the token where there are too many."""
+        """Begin a connection. If too many connections have not shown the token, the oldest of these is ended."""
         with self._lock:
             self._strangers[request] = None
             oldest = next(iter(self._strangers)) if len(self._strangers) > HALF_OPEN else None
@@ -84,7 +84,7 @@ class Server(ThreadingHTTPServer):
         super().process_request(request, client_address)
 
     def let_in(self, request: Any) -> None:
-        """Count a connection as one of the user's from now on."""
+        """Count a connection as a connection of the user from now on."""
         with self._lock:
             self._strangers.pop(request, None)
 
@@ -233,7 +233,7 @@ def _free(port: int) -> int:
 
 
 def in_background(server: Server, warm: Callable[[], None]) -> threading.Thread:
-    """Serve in a thread that ends with the process, and get ready what is asked first in another, which is returned."""
+    """Serve in a thread that ends with the process, and prepare the first answers in another thread, which is returned."""
     threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.2}, name="page", daemon=True).start()
     warming = threading.Thread(target=warm, name="page-warm", daemon=True)
     warming.start()

@@ -80,7 +80,7 @@ class Setting:
 
 
 def disturbed(loop: ClosedLoop, kind: str) -> ClosedLoop:
-    """The loop in which numbers are half as large again for a moment. Raises SceneError where it has none of the kind."""
+    """Return the loop with some numbers raised by half for a moment. SceneError is raised if the loop has no number of this kind."""
     begin, end = moment(loop)
     inputs, parameters = dict(loop.inputs), dict(loop.parameters)
     for name in disturbing(loop, kind):
@@ -97,7 +97,8 @@ def moment(loop: ClosedLoop) -> tuple[float, float]:
 
 
 def disturbing(loop: ClosedLoop, kind: str) -> list[str]:
-    """The numbers that a disturbance changes: the friction of the judged contact, or the load. Raises SceneError where there are none."""
+    """Return the names of the numbers that a disturbance changes: the friction of the judged contact, or the load. SceneError is raised if
+    there are none."""
     found = []
     if kind == "rock" and loop.element is not None:
         found = [f"{loop.element}.friction.{word}" for word in ("static", "kinetic")]
@@ -114,7 +115,7 @@ def disturbing(loop: ClosedLoop, kind: str) -> list[str]:
 
 
 def scene_of(setting: Setting, loop: ClosedLoop, scene: Scene | None) -> Scene:
-    """The scene of one law with its changed numbers. Raises SceneError for a law in Python, and where the loop has more than one."""
+    """Return the scene of a law with its changed numbers. SceneError is raised for a law in Python, and for a loop with several laws."""
     if len(loop.controllers) > 1:
         raise SceneError(f"A scene has one law in each case, but this loop has {len(loop.controllers)}.")
     own = {name: value for name, value in loop.parameters.items() if loop.plant.has_parameter(name)}

@@ -132,7 +132,7 @@ def absorber_limit(
 
 
 def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, keep_inertia: bool) -> tuple[float, np.ndarray]:
-    """(growth [1/s], (c, k_f, inertia)) of an absorber that is stable, else of the one that is nearest to being so."""
+    """Return the growth [1/s] and the numbers (c, k_f, inertia) of a stable absorber, or of the absorber nearest to stability."""
     from scipy.optimize import differential_evolution
 
     reach = float(C @ B)

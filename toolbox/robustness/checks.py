@@ -34,7 +34,7 @@ from toolbox.simulation.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Perturbation:
-    """What a machine really is, in parts of what it is declared to be: {"bit.weight": 0.2} is a fifth more weight."""
+    """Deviation of the machine from its declared numbers, as fractions: {"bit.weight": 0.2} is a weight 20 % above the declared weight."""
 
     parts: Mapping[str, float]
 
@@ -45,7 +45,7 @@ class Perturbation:
 
 @dataclass(frozen=True)
 class Checks:
-    """Assertions on runs; each raises AssertionError with its numbers, or returns what it measured.
+    """Assertions on runs. Each raises AssertionError with its numbers, or returns the measured value.
 
     Parameters
     ----------
@@ -148,7 +148,8 @@ class Checks:
             self._within("respects_limits", run, signal, (low, high), after)
 
     def energy_balances(self, run: Trajectory, within: float = 1e-5) -> float:
-        """Stored energy, losses and supplies agree within a part of what is turned over; returns the part that is missing."""
+        """Assert that stored energy, losses and supplies agree within a fraction of the energy turned over, and return the missing
+        fraction."""
         __tracebackhide__ = True
         audit = measure.energy_audit(run)
         if not audit.relative <= within:
@@ -191,7 +192,7 @@ class Checks:
         delay: float | None = None,
         **arguments: Any,
     ) -> Margins:
-        """The loop at steady running bears at least what is asked, with sampling, hold and delay as they are; returns its margins.
+        """Assert that the loop at steady running has at least the given margins, with its sampling, hold and delay, and return its margins.
 
         - disk_margin [1]: at least so much, of all commands together;
         - peak_sensitivity [1]: at most so much;

@@ -306,7 +306,8 @@ class _MeanForce:
         self.nodes, self.weights = np.polynomial.legendre.leggauss(ANGLES)
 
     def harmonics(self, mean: FloatArray, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (F_0, N) at means and amplitudes of one shape (k,), each half turn parted where the slip changes its sign and the force jumps."""
+        """Return (F_0, N) at means and amplitudes of the same shape (k,). Each half turn is divided at the change of sign of the slip,
+        because the force jumps there."""
         turn = np.arccos(np.clip(-mean / amplitude, -1.0, 1.0))[:, None]
         ends = ((np.zeros_like(turn), turn), (turn, np.full_like(turn, math.pi)))
         angles = np.cos(np.concatenate([(a + b) / 2 + (b - a) / 2 * self.nodes for a, b in ends], axis=1))

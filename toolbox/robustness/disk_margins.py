@@ -36,7 +36,8 @@ HUGE = 1e9
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """Margins of one command with all others closed; 0 (and an infinite sensitivity) where the loop is unstable, nan where there is no linear loop.
+    """Margins of a command with all other commands closed; 0, with an infinite sensitivity, if the loop is unstable, nan if no linear loop
+    exists.
 
     Attributes
     ----------
@@ -82,7 +83,7 @@ UNSTABLE: dict[str, Any] = {
 
 
 def frequencies(loop: LinearLoop) -> np.ndarray:
-    """Frequencies [rad/s] at which to look at a loop, increasing: over all its time scales and close around each of its poles."""
+    """Return increasing frequencies [rad/s] for the analysis of a loop: over all its time scales, and close around each of its poles."""
     poles = np.concatenate([loop.poles(0.0), loop.poles()])
     top = math.inf
     if loop.period is not None:
@@ -101,7 +102,8 @@ def frequencies(loop: LinearLoop) -> np.ndarray:
 
 
 def peak(function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray) -> tuple[float, float]:
-    """Largest value of a function of frequencies and where it is: on the grid, then between the neighbours of its five highest peaks."""
+    """Return the largest value of a function of frequencies and its frequency. The function is searched on the grid, then around its five
+    highest peaks."""
     from scipy.optimize import minimize_scalar
 
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -133,7 +135,8 @@ def largest_disk(loop: LinearLoop, grid: np.ndarray) -> tuple[float, float]:
 
 
 def loop_margins(loop: LinearLoop, delayed: Callable[[float], LinearLoop] | None = None) -> LoopMargins:
-    """Margins of a loop of one command. delayed: the loop with some delay [s] more, where that is more than a shift of phase: in samples."""
+    """Return the margins of a loop with a single command. delayed: function that returns the loop with an additional delay [s], for sampled
+    loops, in which a delay is more than a shift of phase."""
     if not loop.stable:
         return LoopMargins(loop.actuated_signals[0], **UNSTABLE)
     grid = frequencies(loop)
@@ -222,7 +225,7 @@ class JointMargins:
 
 
 def joint_margins(loop: LinearLoop) -> JointMargins:
-    """Margins of all commands of a loop together; 0 where it is unstable."""
+    """Return the margins of all commands of a loop together; 0 if the loop is unstable."""
     if not loop.stable:
         return JointMargins(0.0, math.nan, 0.0, math.inf)
     grid, one = frequencies(loop), np.eye(len(loop.actuated_signals))

@@ -72,7 +72,7 @@ Error = tuple[float, ...]
 
 @dataclass(frozen=True)
 class WrongNumber:
-    """One number of a loop and the range within which it may be wrong.
+    """A number of a loop and the range of its error.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class WrongNumber:
     high: float
 
     def value(self, part: float) -> float:
-        """Its value at an error in parts of the range."""
+        """Return the value of the number at an error, given as a fraction of the range."""
         return self.nominal + part * (self.high - self.nominal if part > 0 else self.nominal - self.low)
 
 

@@ -42,7 +42,7 @@ ON_THE_BORDER = 1e-9
 
 @dataclass(frozen=True)
 class PerformanceLimit:
-    """What no linear law can surpass at a working point: `print(found)` shows it.
+    """Limits that no linear law can surpass at an operating point: `print(found)` shows them.
 
     Attributes
     ----------
@@ -178,7 +178,8 @@ def performance_limit(
 def sampled_plant(
     A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, period: float, fraction: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The plant from sample to sample under a held command that comes a part of a period late: that of the last sample is a state more, where it is.
+    """Return the plant from sample to sample under a held command that is late by a fraction of a period. If it is late, the command of the
+    last sample is an additional state.
 
     A sample reads what was held before it, so that a direct part D is late by a sample, too.
     """
@@ -193,7 +194,7 @@ def sampled_plant(
 
 
 def unstable_poles(A: np.ndarray, B: np.ndarray, C: np.ndarray, period: float | None) -> np.ndarray | None:
-    """Poles in the unstable region; None where one is out of reach of the command or of what is measured."""
+    """Return the unstable poles. None if the command does not reach such a pole, or if the measured signals do not show it."""
     poles = np.linalg.eigvals(A).astype(complex)
     size = np.maximum(np.abs(poles), 1e-12)
     outside = poles.real > ON_THE_BORDER * size.max(initial=1.0) if period is None else np.abs(poles) > 1.0 + ON_THE_BORDER
@@ -256,7 +257,7 @@ def smallest_peak(poles: np.ndarray, zeros: np.ndarray, infinite: int, period: f
 def interpolation(
     poles: np.ndarray, zeros: np.ndarray, infinite: int, period: float | None, value: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(L, a, b): the points in the unit disk as a matrix, and what the functions 1 and f are at them."""
+    """Return (L, a, b): the points in the unit disk as a matrix, and the values of the functions 1 and f at these points."""
     nodes = np.concatenate([poles, zeros]).astype(complex)
     if period is None:
         middle = float(np.exp(np.log(np.abs(nodes)).mean())) if nodes.size else 1.0

@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Equations, Signal, Update
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import Controller, Sampled, designed
+from toolbox.modelling.laws import Controller, Sampled, designed, law_word
 from toolbox.scenes.judged import judged_speed
 from toolbox.simulation.budget import Budget
 from toolbox.simulation.methods import EventExact
@@ -48,7 +48,8 @@ CLOSE = 0.01
 
 @dataclass(frozen=True)
 class MeasuredMargins:
-    """What the machine bears in simulation, to one percent: factors and a delay [s] at which it fails, 0 or infinity where none was found, nan where not asked.
+    """Simulated margins of a machine, to 1 %: factors and a delay [s] at which it fails. 0 or infinity if no failure was found, nan if not
+    searched.
 
     - lowest_gain, highest_gain: factors of all commands at once;
     - delay: additional delay of all commands [s], nan for continuous laws;
@@ -64,7 +65,9 @@ class MeasuredMargins:
 
 @dataclass(frozen=True)
 class Amplified(Controller):
-    """A law whose commands are multiplied by a factor on their way to the plant, of which it knows nothing."""
+    """A law whose commands are multiplied by a factor on their way to the plant. The law does not know the factor."""
+
+    holds_law: ClassVar[bool] = True
 
     law: Controller = dataclasses.field(default_factory=Controller)
     factor: Quantity = quantity(1.0, "1", "factor of the commands")
@@ -107,7 +110,7 @@ def with_gain(law: Any, factor: float) -> Any:
     """A law, `Sampled` or not, with its commands multiplied by a factor."""
     if isinstance(law, Sampled):
         return dataclasses.replace(law, law=with_gain(law.law, factor))
-    return Amplified(law, factor) if isinstance(law, Controller) else AmplifiedCallable(law, factor)
+    return Amplified(law, factor, name=law_word(law)) if isinstance(law, Controller) else AmplifiedCallable(law, factor)
 
 
 def with_delay(law: Any, delay: float) -> Any:
@@ -116,7 +119,7 @@ def with_delay(law: Any, delay: float) -> Any:
 
 
 def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None = None) -> MeasuredMargins:
-    """Gain, delay and inertia at which a closed loop that starts from smooth running fails.
+    """Return the gain, delay and inertia at which a closed loop fails after a start from smooth running.
 
     A run fails where it cannot be finished, or where in its second half a contact sticks. Where the severity in that half is above SEVERE, or grows within
     it, the run is carried on by as much again, up to PIECES times, because a law may lift the set-point for a while, and a loop may grow slowly; it fails
@@ -190,7 +193,7 @@ def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None =
 
 
 def border(fails: Callable[[float], bool], values: Sequence[float]) -> float:
-    """Where something begins to fail on the way through increasing values, of which the first does not: halved to `CLOSE`; infinity where none fails."""
+    """Return the first of increasing values at which `fails` is true, refined to `CLOSE` by halving; infinity if no value fails."""
     for low, high in itertools.pairwise(values):
         if fails(high):
             return 0.5 * sum(halved(fails, low, high, CLOSE))

@@ -15,7 +15,7 @@ from toolbox.measuring.verdict import growth_in_words
 
 @dataclass(frozen=True)
 class Outcome:
-    """One run, and what came of it in the judged window.
+    """A run, and its result in the judged window.
 
     Attributes
     ----------

@@ -204,7 +204,7 @@ class Trials:
 
     @property
     def way(self) -> str:
-        """From where the runs begin, which contact is judged, and when, in words."""
+        """Sentence on the starts of the runs, the judged contact, and the judged time."""
         return f"runs of {self.duration:g} s from {self.start.words}; `{self.contact}` judged from {self.window:g} s on{self._notes}"
 
     @property
@@ -222,7 +222,8 @@ class Trials:
         return put_all(loop, {name: factor * declared_value(self.loop, name) for name, factor in factors.items() if name != DELAY})
 
     def settled(self, error: str, machine: ClosedLoop) -> Settled | None:
-        """The judge of the machine of an error, which is made once, whatever the start and the seed; None where it can say nothing."""
+        """Return the judge of the machine with an error. The judge is made once for all starts and seeds; None if the machine cannot be
+        judged."""
         if error not in self.known:
             self.known[error] = Settled.of(machine, self.contact, self.speed, self.window)
         return self.known[error]

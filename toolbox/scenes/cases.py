@@ -37,7 +37,7 @@ class Waveform:
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured on the machine of a scene.
+    """Measured data of the machine of a scene.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Case:
 
 
 class Labelled(Printed):
-    """What scenes of every kind know of their cases."""
+    """Cases of a scene by their labels, for scenes of every kind."""
 
     cases: tuple[Case, ...]
 
@@ -120,7 +120,7 @@ class Labelled(Printed):
         return [case.label for case in self.cases]
 
     def case(self, label: str) -> Case:
-        """The case of that label; raises SceneError where there is none."""
+        """Return the case with a label. SceneError is raised if there is no such case."""
         for case in self.cases:
             if case.label == label:
                 return case

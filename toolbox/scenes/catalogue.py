@@ -34,7 +34,7 @@ KINDS = ("part", "contact body", "control law", "friction law")
 
 @dataclass(frozen=True)
 class Entry:
-    """A catalogue entry: its shortest name, its kind (one of KINDS), its class or ready-made part, and the module it is from."""
+    """An entry of the catalogue: its shortest name, its kind out of KINDS, its class or ready-made part, and its module."""
 
     name: str
     kind: str
@@ -43,7 +43,7 @@ class Entry:
 
     @property
     def summary(self) -> str:
-        """First line of what the class says about itself; for a ready-made part, its class."""
+        """First line of the docstring of the class, or the class of a ready-made part."""
         if not isinstance(self.item, type):
             return f"ready-made {type(self.item).__name__}"
         return (self.item.__doc__ or "").strip().partition("\n")[0]
@@ -59,7 +59,8 @@ class Entry:
 
 
 def part(name: str, kind: str | None = None) -> Any:
-    """The class or ready-made part of that name, of any kind or of the given one. Raises SceneError with the nearest names where there is none."""
+    """Return the class or ready-made part with a name, of any kind or of the given kind. SceneError is raised, with the nearest names, if
+    there is none."""
     if not isinstance(name, str):
         raise SceneError(f"The name of a {kind or 'part'} must be text, but it is {name!r}.")
     found = offered(name)
@@ -86,7 +87,7 @@ def part(name: str, kind: str | None = None) -> Any:
 
 
 def former_class(name: str) -> str | None:
-    """The name now of a class that had another name, with its package where that was written; None for any other name."""
+    """Return the present name of a renamed class, with its package if the name had it; None for any other name."""
     package, _, last = name.rpartition(".")
     now = next((NOW[source, last] for source in _modules() if package in ("", source) and (source, last) in NOW), None)
     return now and f"{package}.{now}".removeprefix(".")
@@ -163,7 +164,7 @@ _LOADED: dict[str, ModuleType] = {}
 
 
 def parts(kind: str | None = None) -> list[Entry]:
-    """All catalogue entries, or those of one kind, each under its shortest name, in order of kind and name."""
+    """Return all catalogue entries, or the entries of a kind, each under its shortest name, in order of kind and name."""
     shortest: dict[int, Entry] = {}
     for entry in _entries():
         known = shortest.get(id(entry.item))
@@ -173,7 +174,7 @@ def parts(kind: str | None = None) -> list[Entry]:
 
 
 def name_of(cls: type) -> str:
-    """The name under which scenes can ask for a class. Raises SceneError where no package offers it."""
+    """Return the name by which scenes ask for a class. SceneError is raised if no package offers the class."""
     candidates = [entry for entry in offered(cls.__name__) if entry.item is cls] or [entry for entry in parts() if entry.item is cls]
     if not candidates:
         raise SceneError(
@@ -189,7 +190,7 @@ def _names(kind: str | None) -> list[str]:
 
 
 def present(item: Any, spec: dataclasses.Field[Any]) -> Any:
-    """What a field of a ready-made part is, or by default of a class; MISSING where the class has none."""
+    """Return the value of a field of a ready-made part, or the default of the field of a class. MISSING if the class has no default."""
     if not isinstance(item, type):
         return getattr(item, spec.name)
     return spec.default_factory() if spec.default_factory is not dataclasses.MISSING else spec.default

@@ -26,7 +26,7 @@ ROUNDING = 1e-12
 
 
 class Difference(NamedTuple):
-    """A measure of two runs, or a key of two scenes, with the value that each of them has; None where it has none."""
+    """A metric of two runs, or a key of two scenes, with both values. A value is None if the run or scene does not have it."""
 
     name: str
     unit: str
@@ -35,7 +35,7 @@ class Difference(NamedTuple):
 
     @property
     def change(self) -> float | None:
-        """The second number less the first; None where one of them is no number."""
+        """The second number minus the first; None if either is not a number."""
         return float(self.second - self.first) if all(isinstance(value, (int, float)) for value in (self.first, self.second)) else None
 
     @property

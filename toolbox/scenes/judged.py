@@ -21,12 +21,13 @@ from toolbox.simulation.trajectory import Trajectory
 
 
 def judged_effort(plant: HybridSystem, signal: str) -> str:
-    """The input whose peak is reported where nobody names one: the first force or torque, else the first input, else the judged signal."""
+    """Return the default input whose peak is reported: the first force or torque, else the first input, else the judged signal."""
     return next((name for name in plant.inputs if name.endswith(EFFORTS)), next(iter(plant.inputs), signal))
 
 
 def judged_element(names: Sequence[str], element: str | None, argument: str = "element") -> str | None:
-    """The contact that is named, or the only one there is, None where there is none. `argument` is where the user says it.
+    """Return the named contact, or by default the only contact; None if there is no contact. `argument` is the argument that names the
+    contact.
 
     Raises SceneError for another name, and where there are several and none is named: a string may hang in its hole while the bit turns, and the reverse.
     """
@@ -58,7 +59,8 @@ def judged_contact(closed: ClosedLoop | HybridSystem, element: str | None = None
 
 
 def judged_speed(closed: ClosedLoop | HybridSystem, contact: str) -> str:
-    """The speed that a loop names to be judged, else that of what rubs where that is its slip, as at a bit; else the slip, whose mean is not zero.
+    """Return the judged speed that the loop names. The default is the speed of the rubbing body if its slip is equal, as at a bit, else the
+    slip, whose mean is not zero.
 
     Raises SceneError where a loop names a signal that there is not.
     """
@@ -75,7 +77,8 @@ def judged_speed(closed: ClosedLoop | HybridSystem, contact: str) -> str:
 def judged_measures(
     given: Any, loop: ClosedLoop, begin: float, end: float, argument: str = "metrics", after: float | None = None
 ) -> dict[str, Metric]:
-    """{name: measure} of what an argument asks of the runs of a loop from `begin` to `end` [s], with all that it leaves to the loop.
+    """Return {name: metric} for the runs of a loop from `begin` to `end` [s]. Everything that the argument leaves out is taken from the
+    loop.
 
     A measure that names no signal or element looks at what the loop judges, from `after` on, by default from the judged time; a target that is not given is
     the set-point: the one that a scene says, or where the loop is of none, that of the law. Raises SceneError for what is no measure, and for one that the
@@ -90,7 +93,8 @@ def judged_measures(
 
 
 def judged_in(given: Any, run: Recorded, begin: float, end: float) -> dict[str, Metric]:
-    """{name: measure} of what the argument `measures` asks of one run between `begin` and `end` [s], by its loop; in a run from a file, by the names in it."""
+    """Return {name: metric} for a run between `begin` and `end` [s]. Everything left out is taken from the loop of the run, or from the
+    names in a run from a file."""
     if isinstance(run, Trajectory):
         found = judged_measures(given, run.run.loop, run.begin, end, after=begin)
     else:
@@ -154,7 +158,8 @@ def set_point(machine: HybridSystem | Recorded, signal: str) -> str | None:
 def sticks_before_standstill(
     run: Recorded, element: str, signal: str, speed: float, after: float, stands: float | None = None
 ) -> list[tuple[float, float]]:
-    """(begin, end) [s] of the sticks of a stop that let go again before a signal falls to `speed`; stands: when it does, where that is known."""
+    """Return (begin, end) [s] of the sticks during a stop that let go before the signal falls to `speed`. stands: time of standstill, if it
+    is known."""
     if stands is None:
         stands = measure.standstill(run, signal, speed, after=after)
     sticks = measure.stick_intervals(run, element, after, min(stands, run.end)) if stands > after else []

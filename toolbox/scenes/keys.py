@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Key(NamedTuple):
-    """A key: its unit ("" for text and names), what holds without it, and its meaning."""
+    """A key of a scene file: its unit ("" for text and names), its default, and its meaning."""
 
     name: str
     unit: str

@@ -49,7 +49,8 @@ def _resolved(scene: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def flat(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """{key: value in SI} of a scene given by its fields: a part or a law goes by its name in the catalogue or its label, numbered where there are several."""
+    """Return {key: value in SI} of a scene given by its fields. A part or a law has its name in the catalogue or its label, with a number
+    if there are several."""
     found: dict[str, Any] = {}
 
     def put(name: str, value: Any) -> None:

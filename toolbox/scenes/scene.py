@@ -325,9 +325,7 @@ class Scene(Labelled):
 
     @property
     def metrics(self) -> dict[str, tuple[str, ...]]:
-        """Metrics that the scene computes for every run, as {metric: names of the signals and elements from which it is
-        computed}.
-        """
+        """Metrics of every run of the scene, as {metric: names of its signals and elements}."""
         stuck = {"stuck": (self.element,)} if self.element is not None else {}
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 

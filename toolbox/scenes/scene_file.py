@@ -69,7 +69,7 @@ def _data(path: Path) -> dict[str, Any]:
 
 
 def contact_body(data: Mapping[str, Any]) -> str | None:
-    """The name of the body with many contacts that a scene is about; None where its plant has equations."""
+    """Return the name of the body with many contacts in a scene; None if the plant has equations."""
     entries = data.get("plant", [])
     named = [entry.get("part") for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
     texts = [name for name in named if isinstance(name, str)]
@@ -297,7 +297,8 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
 
 
 def named_case(name: str, plant: HybridSystem, reference: float | None) -> Case:
-    """The case of a law of the catalogue with its own numbers, at the set-point of the scene. Raises SceneError for one that is sampled only."""
+    """Return the case of a law of the catalogue with its own numbers, at the set-point of the scene. SceneError is raised for a law without
+    a continuous form."""
     case = _case({"label": name, "law": name}, "law", plant, reference)
     made = designed(case.law, plant)
     if not isinstance(made, Controller) or type(made).continuous is Controller.continuous:

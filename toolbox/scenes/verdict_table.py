@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table of a study, in SI; nan where a number does not exist, inf for what never settles.
+    """A row of the table of a study, in SI. nan if a number does not exist, inf for a run that never settles.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ def write_table(rows: Sequence[Row], path: Path) -> None:
 
 
 def read_table(path: Path) -> list[Row]:
-    """The rows that `write_table` wrote. Raises SceneError where the file is none of a study."""
+    """Return the rows that `write_table` wrote. SceneError is raised if the file is no table of a study."""
     rows = []
     with understood(path, "the table of a study"):
         for told in csv.DictReader(io.StringIO(text_of(path, TEXT, "table"))):
@@ -120,14 +120,16 @@ def read_table(path: Path) -> list[Row]:
 
 
 def table(scene: Scene, rows: Sequence[Row], times: bool = True) -> str:
-    """The rows as text, under what was judged and above the remarks; times: whether with the time that each took."""
+    """Return the rows as text, with the judged quantities above and the remarks below. times: whether to show the computing time of each
+    row."""
     lines = columns(in_cells(scene, rows, times), (0, 1), "")
     lines.insert(1, "-" * max(map(len, lines)))
     return "\n".join([scene.title, judged_by(scene, rows), "", *lines, *remarks(rows)])
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Which runs failed, and why, and what else the reader should know of runs, each said once with the controllers that it holds for."""
+    """Return the failed runs with their reasons, and the remarks on the other runs. Equal remarks are merged, with the names of their
+    controllers."""
     labels: dict[str, list[str]] = {}
     for row in rows:
         if row.remark:

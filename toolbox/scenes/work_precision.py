@@ -37,7 +37,8 @@ COUNTS = (1_000, 4_000, 16_000, 64_000, 256_000, 1_024_000)
 
 @dataclass(frozen=True)
 class Point:
-    """One run: what was varied ("accuracy", "step" or "width") and its setting (an accuracy, a step [s], or a width in parts of the largest slip).
+    """A run of the comparison: the varied quantity ("accuracy", "step" or "width") and its setting (an accuracy, a step [s], or a width as
+    a fraction of the largest slip).
 
     error: [1];  seconds, steps: what it took;  failed: why there is no error, or "".
     """

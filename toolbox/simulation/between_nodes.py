@@ -38,7 +38,8 @@ def _within(run: Any, program: Program, times: np.ndarray, row: np.ndarray) -> n
 
 
 def outside_jumps(times: np.ndarray, run: Any, better: Any) -> tuple[np.ndarray, float]:
-    """The times at which both runs have made the same impacts, and the largest distance between their impacts, relative to the duration."""
+    """Return the times at which both runs have made the same impacts, and the largest distance between their impacts as a fraction of the
+    duration."""
     jumps = [nodes._jumps(run.accuracy) for nodes in (run, better)]
     late, blur = 0.0, run._blur + better._blur
     for some, others in (jumps, jumps[::-1]):

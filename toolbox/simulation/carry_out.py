@@ -87,7 +87,7 @@ AnySimulationError = TypeVar("AnySimulationError", bound=SimulationError)
 
 
 class Course:
-    """A run under way: its arrays, its laws and their answers, and what it has spent."""
+    """A run in progress: its arrays, its laws and their answers, and the budget used so far."""
 
     def __init__(self, run: Run):
         self.run, self.formulas = run, formulas_of(run)

@@ -17,7 +17,7 @@ class OutOfTime(Exception):
 
 @contextmanager
 def until(deadline: float) -> Iterator[None]:
-    """Let what is called within end at a deadline [s on `time.perf_counter`], or at that of the run around it if this is earlier."""
+    """Let calls inside the block end at a deadline [s on `time.perf_counter`], or at the earlier deadline of the run around the block."""
     token = _DEADLINE.set(min(deadline, _DEADLINE.get()))
     try:
         yield

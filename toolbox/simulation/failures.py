@@ -52,7 +52,7 @@ def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answe
 def exhausted(
     run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]], switches: np.ndarray | None = None
 ) -> BudgetError:
-    """The error of a run that has spent its budget: what it spent and what it spent it on.
+    """Return the error of a run that has used its budget, with the used amount and the main cause.
 
     `switches` is the number of those of each element, before the ones that `work` holds.
     """

@@ -65,7 +65,7 @@ def _of_the_machine(run: Any) -> list[str]:
 
 
 def position_of(system: HybridSystem, speed: str) -> str | None:
-    """The last state whose unit is that of the speed times a second: the twist above a bit, the position of a block."""
+    """Return the last state whose unit is the unit of the speed times a second: the twist above a bit, the position of a block."""
     unit = system.unit(speed)
     for name, (_, size, own) in reversed(system.states.items()):
         if f"{own}/s" == unit:

@@ -33,7 +33,7 @@ FEW = 9
 
 
 def without_series(accuracy: float, system: HybridSystem) -> str:
-    """Why steps of a closed system are not to be Taylor series; empty where they are."""
+    """Return the reason why a closed system is not stepped by Taylor series; empty if it is."""
     states = system.x.numel()
     if system.updates:
         return "a law is sampled"
@@ -43,6 +43,6 @@ def without_series(accuracy: float, system: HybridSystem) -> str:
 
 
 def reason(accuracy: float, system: HybridSystem) -> str:
-    """Why steps of a closed system are what they are, series or not."""
+    """Return the reason for the choice of steps of a closed system, series or not."""
     states = system.x.numel()
     return without_series(accuracy, system) or f"{states} state{'s' * (states != 1)} at an accuracy of {accuracy:g}"

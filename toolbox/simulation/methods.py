@@ -31,7 +31,7 @@ from toolbox.simulation.method_choice import without_series
 
 @dataclass(frozen=True)
 class Method:
-    """How a run steps, and what it may spend. Every kind is a value, which answers what there is to know of it: two of the same options are equal.
+    """Method and budget of a run. A method is a value: two methods of the same kind and options are equal.
 
     Parameters
     ----------
@@ -81,12 +81,12 @@ class Method:
 
     @property
     def fixed_step(self) -> float | None:
-        """Length of every step [s]; None where it follows from the accuracy."""
+        """Length of every step [s]; None if the accuracy determines it."""
         return None
 
     @property
     def own_tolerance(self) -> float | None:
-        """Tolerance of the integrator; None where it is the accuracy."""
+        """Tolerance of the integrator; None if the accuracy of the run is used."""
         return None
 
     def __str__(self) -> str:

@@ -17,7 +17,7 @@ from toolbox.simulation.samples import Stays
 
 
 class Recorded(Stays):
-    """What a run, and one read from a file, have in common: how long elements stay in their modes, reports and tables."""
+    """Common base of a run and of a run read from a file: durations of modes, reports and tables."""
 
     time: FloatArray
 

@@ -39,7 +39,7 @@ MOST_STIFF_STEPS = 400_000
 
 
 def refined(run: Run) -> Trajectory:
-    """The run with a step or a width that meets its accuracy; raises AccuracyError where that costs too many steps."""
+    """Return the run with a step or a width that meets its accuracy. AccuracyError is raised if too many steps are needed."""
     stepping = not run.method.locates
     order, most = (1.0, MOST_STEPS) if stepping else (2.0 / 3.0, MOST_STIFF_STEPS)
     if stepping:
@@ -121,7 +121,7 @@ def _stepped(run: Run, longer: int = 1) -> Trajectory:
 
 
 def slips(run: Run, stepped: Trajectory | None = None) -> dict[str, float]:
-    """Largest slip of every friction and relay over a stepped run, 1 for those that never slip."""
+    """Return the largest slip of every friction and relay over a stepped run, and 1 for an element that never slips."""
     stepped = _stepped(run) if stepped is None else stepped
     names = [element.name for element in run.system.elements if element.holds]
     slips = ca.SX(ca.vertcat(*[element.slip for element in run.system.elements if element.holds]))

@@ -27,13 +27,13 @@ from toolbox.simulation.work_arrays import closures
 
 
 def accuracy_of(loop: ClosedLoop, given: float | None = None) -> float:
-    """Accuracy of a run of a loop: as it is given, else that of its scene, else 1e-6."""
+    """Return the accuracy of a run of a loop: the given accuracy, else the accuracy of its scene, else 1e-6."""
     return next(each for each in (given, loop.accuracy, 1e-6) if each is not None)
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of `simulate`, which says what each of them means: a loop, and how it is run."""
+    """Arguments of `simulate`: a loop, and the options of its run."""
 
     loop: ClosedLoop
     duration: float | str

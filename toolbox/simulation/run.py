@@ -73,16 +73,17 @@ class Run:
 
     @property
     def display_units(self) -> Mapping[str, str]:
-        """{unit: unit in which the question was typed}, in which reports and figures answer."""
+        """{unit: unit typed in the question}. Reports and figures use the typed units."""
         return self.loop.display_units
 
     @property
     def end(self) -> float:
-        """The time at which the run ends [s]."""
+        """Time of the end of the run [s]."""
         return self.start.time + self.duration
 
     def at(self, number: Number, value: float) -> Run:
-        """The same run with another value of an input, of a number of its shape, of a parameter where it acts, or of a sample time or delay.
+        """Return the same run with another value of an input, of a number of its shape, of a parameter in the equations, or of a sample
+        time or delay.
 
         Raises SceneError for a value out of its bounds.
         """

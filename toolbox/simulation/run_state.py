@@ -125,7 +125,8 @@ class RunState:
         return state.with_values({name: given[name] for name in known})
 
     def with_values(self, given: Mapping[str, Any]) -> RunState:
-        """Return the state with other values of what is named: states, what sampled laws remember, signals held, or one entry of a vector of these.
+        """Return the state with other values of named entries: states, memory of sampled laws, held signals, or an entry of a vector of
+        these.
 
         Raises SceneError for a value of another size. Names that the state does not have are left out.
         """
@@ -159,7 +160,7 @@ class RunState:
         raise KeyError(name)
 
     def told(self) -> dict[str, Any] | None:
-        """Return the state as numbers and lists, for a file of text; None where a Python law does not tell what it remembers. See `as_told`."""
+        """Return the state as numbers and lists, for a text file; None if a Python law does not give its memory. See `as_told`."""
         if not all(law is None or isinstance(law, np.ndarray) for law in self.controllers):
             return None
         arrays = {name: None if (value := getattr(self, name)) is None else value.tolist() for name in ARRAYS}
@@ -222,7 +223,7 @@ class RunState:
                 )
 
     def continued(self, laws: Sequence[Any]) -> list[Any]:
-        """The Python laws of a run that begins here, with what they remember; each run has copies of its own."""
+        """Return the Python laws of a run that begins here, with their memory. Each run has its own copies."""
         if not self.controllers:
             return [fresh(law) for law in laws]
         found = []
@@ -233,7 +234,8 @@ class RunState:
         return found
 
     def remembering(self, laws: Sequence[Any]) -> RunState:
-        """Return the state with what Python laws remember now. Raises SceneError for an object that can neither tell it nor be copied."""
+        """Return the state with the present memory of Python laws. SceneError is raised for an object that neither gives its memory nor can
+        be copied."""
         kept: list[Any] = []
         for law in laws:
             if isinstance(law, FunctionType):

@@ -96,7 +96,7 @@ Read = TypeVar("Read", covariant=True)
 
 
 class Modes(dict[str, Any]):
-    """Modes by element; an unknown element is an error that suggests the nearest, or that of `unknown`."""
+    """Modes by element. An unknown element raises the error of `unknown`, or an error that suggests the nearest name."""
 
     unknown: Callable[[str], SceneError] | None = None
 
@@ -205,7 +205,8 @@ class SignalFunction:
         return kept[str(size)]
 
     def over(self, samples: Samples[Any]) -> np.ndarray:
-        """Values (nt, rows) at all times. Casadi reads and writes where they are: it copies one number after another."""
+        """Return the values (nt, rows) at all times. Casadi reads and writes the arrays directly, because casadi itself copies one number
+        after another."""
         given = (samples.time, samples.states, samples.held, samples.mode)
         time, states, held, mode = (np.ascontiguousarray(array, float) for array in given)
         found = np.empty((time.size, self.function.numel_out(0)))

@@ -297,7 +297,8 @@ class SavedSteps:
             raise ValueError("its steps do not fit to one another")
 
     def interpolated(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> SavedSamples[Any]:
-        """Signals at times within the steps that begin at the nodes `row`; at the end of a step what it came to, before any switch there."""
+        """Return the signals at times within the steps that begin at the nodes `row`. At the end of a step, the values before any switch
+        are returned."""
         return SavedSamples(self, row, times, single)
 
     def at(self, times: np.ndarray) -> SavedSamples[FloatArray]:
@@ -393,7 +394,7 @@ class SavedRun(Recorded):
 
     @staticmethod
     def read(path: Path) -> SavedRun:
-        """The run in a file; raises SceneError where there is none."""
+        """Return the run in a file. SceneError is raised if the file contains no run."""
         what = "a run written by `Trajectory.save`"
         with understood(path, what):
             found = _completed(arrays(path, what))
@@ -447,7 +448,8 @@ class SavedRun(Recorded):
 
     @property
     def error_estimate(self) -> float:
-        """What `run.error_estimate` was when the run was saved. Raises SceneError where it had not been asked: it is measured by a second run."""
+        """`run.error_estimate` at the time of saving. SceneError is raised if it had not been computed, because a second run is needed for
+        it."""
         if np.isnan(self._error):
             raise SceneError(
                 f"The run read from `{self.path}` does not say its error: `error_estimate` needs the plant; ask it before `save`, or `pickle` the run."
@@ -456,7 +458,7 @@ class SavedRun(Recorded):
 
     @property
     def last(self) -> Any:
-        """Raises SceneError: a file does not hold the state from which a run goes on, which `pickle.dumps(run.last)` keeps."""
+        """Raise SceneError: a file does not contain the state that continues a run. `pickle.dumps(run.last)` saves this state."""
         raise SceneError(
             f"The run read from `{self.path}` cannot be carried on: `last` needs the plant; `pickle` the `run.last` of the run itself."
         )

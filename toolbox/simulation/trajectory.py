@@ -47,7 +47,7 @@ by less."""
 
 @dataclass(frozen=True)
 class Records:
-    """What the event loop recorded of a run.
+    """Records of the event loop for a run.
 
     `time`, `states`, `mode` and `held` have a row for every node, `passed` are the ends of steps that are none. `before` is the time of the node until which
     the steps were others, and their formulas. `event_arrays` are the times, elements and modes of the events, `last_mode` the modes at the end, and `last` the

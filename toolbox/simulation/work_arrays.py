@@ -183,7 +183,8 @@ def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def noise_keys(updates: Sequence[Any], seeds: Sequence[int]) -> np.ndarray:
-    """The keys of the noise of sampled laws with these seeds, at the places of what each remembers, which are zero, and behind them of its channels."""
+    """Return the keys of the noise of sampled laws with these seeds. The entries at the places of the memory of a law are zero; the keys of
+    its channels follow."""
     from toolbox.stepping.noise import channel_key  # here, because LLVM is slow to import
 
     keys: list[int | np.uint64] = []
@@ -206,7 +207,8 @@ def _event_room(display_units: int, program: Program, left: float) -> int:
 
 
 def limited(work: Any, program: Program, budget: Budget, spent: int) -> Any:
-    """The same arrays with no more room for events than a budget leaves of which so many are spent: the loop stops when it is full."""
+    """Return the same arrays with room for the remaining events of a budget, of which `spent` are used. The loop stops when the room is
+    full."""
     if budget.events == np.inf:
         return work
     room = _event_room(work.ev_t.size, program, budget.events - spent)
@@ -238,12 +240,13 @@ def grown(work: Any, program: Program, records: bool, budget: Budget) -> Any:
 
 
 def first_rows(array: np.ndarray, rows: int) -> np.ndarray:
-    """The first rows of an array that a run has filled: the array itself where they are most of it, else a copy, which lets go of the rest."""
+    """Return the filled first rows of an array. If they are most of the array, this is a view; otherwise a copy, so that the rest is
+    released."""
     return array[:rows] if 2 * rows > array.shape[0] else array[:rows].copy()
 
 
 def state_of(run: Run, program: Program, work: Any) -> RunState:
-    """The state in which a run is now, without what Python laws remember."""
+    """Return the present state of a run, without the memory of Python laws."""
     updates = program.system.updates
     depth = work.queue.shape[1]
     taken, applied = (tuple(work.samplers[: len(updates), column].tolist()) for column in (work_layout.TAKEN, work_layout.APPLIED))

@@ -107,7 +107,7 @@ def flow_slopes(point: Equilibrium) -> np.ndarray:
 
 
 class EquilibriumBranch:
-    """The steady states of a closed loop over one free parameter, each found once, from its neighbour where it is not found by itself."""
+    """Steady states of a closed loop over a free parameter. Each is found once, from its neighbour if it is not found without a guess."""
 
     def __init__(
         self,
@@ -209,7 +209,7 @@ class EquilibriumBranch:
         return x if np.abs(x).max(initial=0.0) < ENDLESS else plant.begin
 
     def edge(self, there: float, gone: float) -> float:
-        """The last value on the way from one with a steady state to one without at which a steady state is found, to a part in 1e7 of the way."""
+        """Return the last value with a steady state, on the way from a value with a steady state to a value without, to 1e-7 of the way."""
         point = self(there)
         assert point is not None
         for _ in range(24):

@@ -182,7 +182,8 @@ def hopf_points_of(
     guess: Mapping[str, Any] | None = None,
     values: int = 33,
 ) -> list[HopfPoint]:
-    """`hopf_points` of a plant whose laws are parts of it. Raises NoSteadyState where it has no steady state in the range."""
+    """Return the Hopf points of a plant whose laws are parts of it, like `hopf_points`. NoSteadyState is raised if the range has no steady
+    state."""
     low, high = between
     followed = EquilibriumBranch(closed, free, inputs, mode, guess)
     grid = np.linspace(low, high, values)
@@ -283,7 +284,7 @@ def hopf_curve(
 
 
 def sampled_hopf_points(branch: SampledBranch, between: tuple[float, float], values: int = 33) -> list[HopfPoint]:
-    """The Hopf points of a sampled loop, from its exact matrix. Raises NoSteadyState where it has no steady running in the range."""
+    """Return the Hopf points of a sampled loop, from its exact matrix. NoSteadyState is raised if the range has no steady running."""
     free, found = branch.free, []
     for value, exponent, stable in branch.hopf_values(*between, values):
         residual = abs(exponent.real) / abs(exponent.imag)

@@ -143,7 +143,8 @@ def steady_state(
             begin = past_limits(*wide, partial(_held_back, limits, plant, u, m), limits.count, begin, method)
 
         def terms(x: np.ndarray, equations: Any = equations, slopes: Any = slopes) -> np.ndarray:
-            """Sizes of what cancels in the equations: round-off is that of these terms, and a force that sticks may cancel all the others."""
+            """Return the sizes of the terms that cancel in the equations. Their round-off limits the accuracy; a sticking force may cancel
+            all others."""
             load, slope = (np.array(v) for v in free(0.0, x, u, plant.values, 1.0))
             size = np.abs(slopes(x)) @ np.abs(x) + np.abs(equations(plant.begin)) + 1e-300
             size[: x.size] += np.abs(load).ravel() + np.abs(slope) @ np.abs(x)
@@ -568,7 +569,7 @@ def integrals_of(plant: HybridSystem) -> np.ndarray:
 
 
 def at_rest(plant: HybridSystem, flow: ca.SX) -> ca.SX:
-    """The flow [of all states] that must vanish in a steady state: integrals on which nothing depends may go on."""
+    """Return the flow of all states that must vanish in a steady state. An integral may keep growing if nothing depends on it."""
     integrals = integrals_of(plant)
     return flow * ca.SX(ca.DM(np.where(integrals, 0.0, 1.0))) if integrals.any() else flow
 

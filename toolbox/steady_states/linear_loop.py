@@ -20,7 +20,7 @@ class NoDerivative(Exception):
 
 @dataclass(frozen=True)
 class LinearLoop:
-    """A loop that is broken at its commands: xi+ = A xi + B v, w = C xi + D v in samples of `period`, or xi' = ... where `period` is None.
+    """A loop opened at its commands: xi+ = A xi + B v, w = C xi + D v in samples of `period`, or xi' = ... if `period` is None.
 
     drives: names of the commands, in the order of v and w.
     """
@@ -110,7 +110,7 @@ def zero_order_hold(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.nda
 
 
 def acts(loop: LinearLoop) -> None:
-    """Raise NoDerivative where the commands do not answer to anything: a limit holds them."""
+    """Raise NoDerivative if the commands respond to nothing, because a limit holds them."""
     if (
         not np.abs(
             loop.transfer(np.geomspace(1e-3, 1e2, 7) if loop.period is None else np.geomspace(1e-4, 1.0, 7) * np.pi / loop.period)
@@ -125,7 +125,8 @@ STEPS = 10.0 ** -np.arange(6.0, 14.0)
 
 
 def checked_smooth(value: Callable[[np.ndarray], np.ndarray], slope: np.ndarray, q: np.ndarray) -> None:
-    """Raise NoDerivative where a function is not as smooth as its derivative says: the remainder of a smooth one falls with the square of the step.
+    """Raise NoDerivative if a function is not as smooth as its derivative says. The remainder of a smooth function falls with the square of
+    the step.
 
     That of a kink falls with the step. What bends or jumps a little way off falls sooner, so that the steps become smaller until round-off hides the rest.
     """

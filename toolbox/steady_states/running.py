@@ -27,7 +27,7 @@ from toolbox.steady_states.zeros import past_limits
 
 @takes_loop
 def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], actuated_signals: str | Sequence[str]) -> Equilibrium:
-    """Find the steady state in which signals have given values and every contact slides forwards, and the inputs that keep it there.
+    """Find the steady state with given values of some signals and every contact sliding forwards, and the inputs that keep it there.
 
     Parameters
     ----------
@@ -155,7 +155,8 @@ def _past_limits(
 
 
 def at_set_points(loop: ClosedLoop) -> Equilibrium:
-    """Steady running of a plant at the set-points of its laws, which are inputs of the closed loop; raises SceneError where there is none.
+    """Return steady running of a plant at the set-points of its laws, which are inputs of the closed loop. SceneError is raised if there is
+    none.
 
     `top.reference` is that of the signal `top.speed`, `weight.reference` that of an input `bit.weight` that a law drives.
     """

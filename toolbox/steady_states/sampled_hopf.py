@@ -31,7 +31,7 @@ REAL = 1e-9
 
 
 def check_slopes(loop: ClosedLoop) -> None:
-    """Raise SceneError where a controller is a Python callable, which has no slope, or takes samples late or misses some."""
+    """Raise SceneError if a controller is a Python callable, which has no slope, or if samples are late or missed."""
     check_regular(loop.assembly.clocks, "for a loop to have poles")
     if loop.assembly.callables:
         raise SceneError(
@@ -70,7 +70,7 @@ class SampledBranch:
         return self.known[value]
 
     def again(self, value: float) -> None:
-        """Look once more where nothing was found, now that neighbours may be known."""
+        """Search a value without a result once more, because its neighbours may be known now."""
         if self.known.get(value, 0) is None:
             del self.known[value]
             self(value)
@@ -120,7 +120,8 @@ class SampledBranch:
         return None if found is None else np.linalg.eigvals(found[3]).astype(complex)
 
     def swings(self, value: float) -> np.ndarray | None:
-        """log(z) / period of all pairs of poles [1/s], that of positive frequency, the one that grows most first; None without steady running."""
+        """Return log(z) / period of all pairs of poles [1/s] with positive frequency, the fastest growing first; None without steady
+        running."""
         found, poles = self(value), self.poles(value)
         if found is None or poles is None:
             return None
@@ -129,7 +130,7 @@ class SampledBranch:
         return exponents[np.argsort(-exponents.real)]
 
     def hopf_values(self, low: float, high: float, values: int) -> list[tuple[float, complex, str]]:
-        """(value, exponent there, side on which the pair is damped) of all Hopf points in a range, in order.
+        """Return (value, exponent, side on which the pair is damped) of all Hopf points in a range, in order.
 
         Raises NoSteadyState where there is no steady running in it.
         """

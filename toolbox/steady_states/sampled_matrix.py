@@ -32,7 +32,7 @@ SAME = 1e-9
 
 
 def common_period(periods: Sequence[float]) -> tuple[float, list[int]]:
-    """Return the time in which all periods come round [s], and how many of each it holds."""
+    """Return the common period of all periods [s], and the number of times that each fits into it."""
     exact = [Fraction(period).limit_denominator(10**9) for period in periods]
     if len(set(periods)) == 1:  # whatever number it is
         return float(periods[0]), [1] * len(periods)
@@ -74,8 +74,8 @@ def matrix_over_period(point: SampledPoint, slope: FloatArray) -> tuple[FloatArr
 
 
 class Rows:
-    """States, held signals, memory and outputs on their way, as rows over what they were at the beginning of the period; waiting: outputs of each controller
-    that are on their way then."""
+    """States, held signals, memory and delayed outputs, as rows over their values at the beginning of the period. waiting: number of
+    delayed outputs of each controller then."""
 
     def __init__(self, point: SampledPoint, slope: FloatArray, waiting: Sequence[int]):
         n, h, z = point.n, point.h, point.z

@@ -14,7 +14,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -63,18 +63,20 @@ class SteadyLoop:
 # -------------------------------------------------------------------------------------------------------------------------------- continuous laws
 @dataclass(frozen=True)
 class Broken(Controller):
-    """A continuous law whose commands do not reach the plant: they are given as `broken.<signal>`."""
+    """A continuous law whose commands do not reach the plant: they are given as `opened.<signal>`."""
+
+    holds_law: ClassVar[bool] = True
 
     law: Controller = dataclasses.field(default_factory=Controller)
 
     def continuous(self, signal: Signal) -> Equations:
         equations = self.law.continuous(signal)
-        given = {f"broken.{name}" if name in self.law.actuated_signals else name: value for name, value in equations.outputs.items()}
+        given = {f"opened.{name}" if name in self.law.actuated_signals else name: value for name, value in equations.outputs.items()}
         return dataclasses.replace(equations, outputs=given)
 
 
 def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoop:
-    """The loop of laws that all act continuously; raises NoDerivative where one switches or commands the same whatever happens."""
+    """Return the linear loop of laws that all act continuously. NoDerivative is raised if a law switches or its command is constant."""
     plant, inputs = loop.plant, loop.constant_inputs("a linear loop")
     point = equilibrium(loop, guess=guess or None)
     closed = point.plant
@@ -84,7 +86,7 @@ def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> Steady
             raise NoDerivative(f"`{element.name}` of the law switches")
     flow, modes = residual_functions(closed)[0], mode_numbers(closed, point.modes)
     checked_smooth(lambda x: np.array(flow(0.0, x, point.inputs, closed.values, modes)[0]).ravel(), _slope(closed, point), point.states)
-    broken = dataclasses.replace(loop, controllers=tuple(Broken(law) for law in loop.designed_controllers))
+    broken = dataclasses.replace(loop, controllers=tuple(Broken(law, name=law.name) for law in loop.designed_controllers))
     drives = tuple(name for law in loop.designed_controllers for name in law.actuated_signals)
     commands = {plant.redirected_signals.get(name, name): float(point[plant.redirected_signals.get(name, name)]) for name in drives}
     state = {name: point[name] for name in closed.states}
@@ -92,7 +94,7 @@ def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> Steady
     linear = linearise(
         broken, {**state, **{n: v for n, v in commands.items() if n in system.inputs}, **dict(inputs)},
         mode={name: word for name, word in point.modes.items() if name in own},
-        inputs=tuple(commands), outputs=tuple(f"broken.{name}" for name in drives),
+        inputs=tuple(commands), outputs=tuple(f"opened.{name}" for name in drives),
     )  # fmt: skip
     opened = LinearLoop(linear.A, linear.B, linear.C, linear.D, tuple(commands))
     acts(opened)
@@ -156,7 +158,8 @@ class SampledPoint:
         self.m = np.ones(len(system.elements))
 
     def placed(self, states: Mapping[str, Any], memory: Mapping[str, Any], modes: Mapping[str, float]) -> bool:
-        """Set the modes to those given, the others by the direction of slip; False where a contact sticks, about which nothing is linear."""
+        """Set the given modes, and the others by the direction of slip. Return False if a contact sticks, because the loop is not linear
+        there."""
         x = np.zeros(self.n)
         place_starts(self.system, x, states)
         slips = np.array(self.system.slip_function(0.0, x, self.u, self.system.values, np.ones(self.m.size))).ravel()
@@ -164,7 +167,7 @@ class SampledPoint:
         return not any(e.slides and mode == 0.0 for e, mode in zip(self.system.elements, self.m, strict=True))
 
     def with_outputs(self, states: Mapping[str, Any], memory: Mapping[str, Any]) -> np.ndarray:
-        """q at states and memories given by name, zero where they are not, with the outputs that the laws then give."""
+        """Return q for states and memories by name, zero for missing names, with the outputs of the laws at this point."""
         q = np.zeros(self.n + self.h + self.z)
         place_starts(self.system, q[: self.n], states)
         place = self.n + self.h
@@ -177,7 +180,7 @@ class SampledPoint:
         return q
 
     def begun(self, states: Mapping[str, Any], commands: Mapping[str, float]) -> np.ndarray:
-        """q at states, with what the laws remember after their first sample under the commands that act."""
+        """Return q at states, with the memory of the laws after their first sample under the present commands."""
         q = self.with_outputs(states, {})
         for j in self.driven:
             q[self.n + j] = commands[self.names[j]]
@@ -185,7 +188,8 @@ class SampledPoint:
         return q
 
     def start(self, plant: HybridSystem, q: np.ndarray, kick: float = KICK) -> dict[str, Any]:
-        """Start values of a run: states of the plant a part `kick` off the point, and what the laws remember and hold there."""
+        """Return the start values of a run: states of the plant displaced by the fraction `kick`, and the memory and held outputs of the
+        laws."""
         found: dict[str, Any] = {name: q[self.n + j] for j, name in enumerate(self.names) if name}
         for name, (first, size, _) in self.system.states.items():
             value = q[first] if size is None else q[first : first + size]
@@ -375,7 +379,8 @@ def _settled(point: SampledPoint, plant: HybridSystem, recorded: Samples[np.ndar
 
 
 def smooth_points(loop: ClosedLoop, guess: Mapping[str, Any]) -> list[Equilibrium]:
-    """Steady running that is known before the loop is: that of the continuous forms, and that of the plant at the set-points of the laws.
+    """Return guesses of steady running: the steady state of the continuous forms, and the steady state of the plant at the set-points of
+    the laws.
 
     A set-point is an input of the closed loop: `top.reference` is that of the signal `top.speed`.
     """
@@ -403,7 +408,7 @@ def steady_loop(loop: ClosedLoop, guess: Mapping[str, Any] | None = None) -> Ste
 
 
 def linear_loop(loop: ClosedLoop) -> LinearLoop:
-    """The linear loop at steady running; without a law that of the machine alone, which has no commands.
+    """Return the linear loop at steady running. Without a law, the machine alone is returned, without commands.
 
     Raises SceneError where no steady running is found, NoDerivative where nothing is linear there.
     """

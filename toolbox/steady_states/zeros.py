@@ -113,7 +113,7 @@ def past_limits(equations: Any, slopes: Any, held_back: Any, shares: int, begin:
 
 
 def contradictory(equations: Any, slopes: Any, x: np.ndarray) -> bool:
-    """Whether those of some equations that are linear contradict one another, so that there is no zero anywhere.
+    """Return whether the linear equations among the given equations contradict one another. Then no zero exists anywhere.
 
     What a linear row is at any other place its slope tells; it is asked at places of both signs and of all sizes.
 

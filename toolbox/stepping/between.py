@@ -21,7 +21,7 @@ def room_of(kernel: Any) -> dict[str, np.ndarray]:
 
 
 def load_node(w, r):
-    """Put the node r of a run where steps go on from: its state, its modes, and what is held there."""
+    """Load the node r of a run as the point of the next steps: its state, modes and held values."""
     for i in range(w.state.shape[1]):
         w.x[i] = w.state[r, i]
     for i in range(w.ints[layout.NE]):
@@ -41,7 +41,7 @@ def open_step(w, t, length):
 
 
 def step_between(w, t, h):
-    """Leave the state a step h after the point at time t, with the slip of what sticks at zero, in `y`."""
+    """Leave in `y` the state a step h after the point at time t. The slip of sticking contacts is zero there."""
     call(w.ints[layout.STEP], t, h, w.x, w.k, w.p, w.m, w.y)
     for i in range(w.ints[layout.NE]):
         if w.m[i] == 0.0:

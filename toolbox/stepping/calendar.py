@@ -96,7 +96,7 @@ def jumps(w, t):
 
 
 def sampled_at(w, c, k):
-    """The instant at which a controller takes its sample of number k: late by its jitter, but for the first."""
+    """Return the instant of sample number k of a controller. Every sample but the first is late by its jitter."""
     instant = k * w.clocks[c, 0]
     if w.clocks[c, 2] > 0.0 and k > 0:
         instant += w.clocks[c, 2] * uniform(w.clock_keys[2 * c], k)

@@ -10,7 +10,7 @@ from toolbox.translation.words import call
 
 
 def first_descent(a, da, b, db):
-    """First fraction in (0, 1] at which the cubic Hermite interpolant, once positive, is no longer; 2 where there is none.
+    """Return the first fraction in (0, 1] at which the cubic Hermite interpolant falls through zero; 2 if it stays positive.
 
     a, b: values at 0 and 1;  da, db: slopes times the step.
     """
@@ -103,7 +103,8 @@ def dip_inside(w, h, j):
 
 
 def candidate(w, h, low, high, width):
-    """Earliest fraction of [low, high] (in parts of h) where some guard descends through zero, by Hermite interpolation; 2 where none does."""
+    """Return the earliest fraction of [low, high] (as fractions of h) at which a guard descends through zero by Hermite interpolation; 2 if
+    no guard does."""
     ng = w.ints[layout.NG]
     best = 2.0
     for j in range(ng):
@@ -123,7 +124,8 @@ def candidate(w, h, low, high, width):
 
 
 def rising_fraction(w, h, j):
-    """Where guard j, at zero now and negative after the step h, is positive in between, and a later place where it is not: fractions of h.
+    """Return a fraction of h with guard j positive, and a later fraction with guard j no longer positive. The guard is zero now and
+    negative after the step h.
 
     The first is 0 where the guard only falls. A contact released exactly at its limit has no slip rate yet, so that neither the guard nor its slope tells
     which way it goes. A guard that rises now is followed down to the round-off of time: the flight between two impacts is short where the bounces end,

@@ -25,7 +25,8 @@ def project_event(w, t, again):
 
 
 def after_event(w, t, again):
-    """Switch what fires at an event. DONE, or the status of `advance` where switching has no end, no modes are consistent, or a bound becomes negative.
+    """Switch the elements that fire at an event. Return DONE, or the status of `advance` if switching has no end, no modes are consistent,
+    or a bound becomes negative.
 
     again: whether a guard that was at zero has gone below it from the start of a step.
     """

@@ -12,7 +12,8 @@ def guard_size(w, j):
 
 
 def close_to_zero(w, j):
-    """How near to zero a guard counts as zero: far below what the accuracy asked can see; of a gap that closes still less, since bounces amplify it."""
+    """Return the size below which a guard counts as zero, far below the accuracy of the run. The size is still smaller for a gap that
+    closes, since bounces amplify it."""
     if is_open(w, j):
         return 1e-14 * guard_size(w, j)
     return min(max(1e-5 * w.reals[layout.RTOL], 1e-13), 1e-9) * guard_size(w, j)
@@ -42,7 +43,8 @@ def flies(w, i):
 
 
 def without_lever(w, i):
-    """Whether element i is a friction that seems to stick because its lever is exactly zero, of what `probe` has left in `z`."""
+    """Return whether element i is a friction that seems to stick only because its lever is exactly zero. `z` must hold the results of
+    `probe`."""
     ne = w.ints[layout.NE]
     return w.lever[i] == 1 and w.m[i] == 0.0 and w.z[4 * ne + i] == 0.0 and w.z[3 * ne + i] > 0.0
 
@@ -119,7 +121,8 @@ def _arm_falling_from_zero(w):
 
 
 def held_quietly(w):
-    """Take over new held outputs where they change no mode, as guards at the current point show; False where one may, and nothing has been decided yet.
+    """Accept new held outputs if the guards at the current point show no change of a mode. Return False if a mode may change; nothing has
+    been decided then.
 
     Outputs never enter a slip, and a contact that sticks lets go only where its guards, which are then negative, say so, or where its lever is zero.
     """
@@ -166,7 +169,8 @@ def loads_hold(w, t, least):
 
 
 def no_modes(w, t):
-    """The status where no modes are found: NEGATIVE_BOUND, with the friction in CULPRIT, where a bound is negative, which leaves none, else INCONSISTENT."""
+    """Return the status after no modes were found: NEGATIVE_BOUND with the friction in CULPRIT if a negative bound is the cause, else
+    INCONSISTENT."""
     return layout.INCONSISTENT if loads_hold(w, t, layout.BY_CONTACT) else layout.NEGATIVE_BOUND
 
 

@@ -19,7 +19,8 @@ ROUND_OFF = 1e-9
 
 
 def balanced(w, t):
-    """Impulses in `y` of an impact: unilateral ones that push, friction within its bound. Returns the energy they add; more than 0 where none agree, too.
+    """Compute the impulses of an impact in `y`: unilateral impulses push, friction is within its bound. Return the energy that they add,
+    and a number above 0 if no impulses are consistent.
 
     What is tried first follows from holding everything. Where what it ends with does not agree, as where a contact that was let go would go on into the
     other body, the first element that does not agree is turned, again and again, which ends at the one answer where there is no friction (K. G. Murty, Opsearch
@@ -217,7 +218,8 @@ def piles_up(w):
 
 
 def impact(w, t):
-    """The impact of the rigid contacts whose gap has just closed; they bounce, or close where the next flight would be too low to be resolved.
+    """Carry out the impact of the rigid contacts whose gap has just closed. The contacts bounce, or close if the next flight would be too
+    low to be resolved.
 
     Impacts of several contacts can follow one another faster and faster, without end in a finite time, as those of a light body between a heavy one and the
     floor: an inelastic collapse (S. McNamara, W. R. Young, Phys. Fluids A 4 (1992) 496-504). Behind it these contacts are closed, with the momentum that they

@@ -26,7 +26,8 @@ SEEN = 2e-9
 
 
 def modes_consistent(w, t, change, one):
-    """Whether the modes of the elements marked in `zero` agree with the forces; with `change`, correct those that do not (only `one`, or all)."""
+    """Return whether the modes of the elements marked in `zero` agree with the forces. `change` corrects wrong modes: all, or only the
+    first from element `one` on."""
     ne = w.ints[layout.NE]
     call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     consistent = True
@@ -67,7 +68,7 @@ def modes_consistent(w, t, change, one):
 
 
 def decide(w, t):
-    """Modes of the elements marked in `zero`, by force: stick where the bound allows it, else slip in the direction of the excess.
+    """Decide the modes of the elements marked in `zero` by force: stick if the bound allows it, else slip in the direction of the excess.
 
     Starts from the modes in m and changes all inconsistent elements at once; if that does not settle, one by one. With static friction above
     kinetic several sets can be consistent: where a contact comes to rest, one that was stuck before stays so if it can, and what can stick beside the others
@@ -258,7 +259,7 @@ def turn_switches(w):
 
 
 def settle(w, t):
-    """Decide modes at the current point, note what changed, and make slopes and guards current. False where no modes are consistent.
+    """Decide the modes at the current point, record the changes, and update slopes and guards. Return False if no modes are consistent.
 
     A switch whose threshold is passed turns, too, which may change the forces that decide, and turn others.
     """

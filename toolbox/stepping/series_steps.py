@@ -42,7 +42,7 @@ def _allowance(ratio, power):
 
 
 def open_series(w, t):
-    """Write the table at the current point and choose the step size by it. False where a coefficient is not finite."""
+    """Write the table at the current point and choose the step size from it. Return False if a coefficient is not finite."""
     n, ng, order = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.ORDER]
     width = n + ng
     call(w.ints[layout.SERIES], t, max(w.reals[layout.STEP_SIZE], 0.0), w.x, w.k, w.p, w.m, w.k)
@@ -191,7 +191,8 @@ def watch_series(w, h, node):
 
 
 def defect(w, t, h):
-    """How well the end of the step h in `y` fulfils the equations, in parts of what is allowed: the error that the terms left out make.
+    """Return the residual of the equations at the end of the step h in `y`, as a fraction of the tolerance. The neglected terms of the
+    series cause it.
 
     The last coefficients do not show a term that is small now and grows faster than they do, such as that of a friction law far from its peak. The field there
     does. Of a step that is within bounds, slopes and guards at its end are then those of the field.
@@ -218,8 +219,8 @@ def defect(w, t, h):
 
 
 def turns(w, h):
-    """The part of the step h at which a slip first comes closest to zero and turns, where friction laws have their peak; 1 where none does. The end is
-    in `y`."""
+    """Return the fraction of the step h at which a slip first comes closest to zero and turns, near the peak of a friction law; 1 if no
+    slip turns. The end is in `y`."""
     ng, n = w.ints[layout.NG], w.ints[layout.N]
     first = 1.0
     for i in range(w.ints[layout.NE]):
@@ -260,7 +261,8 @@ def polish(w, t, size):
 
 
 def checked_end(w, t, h, t_new, event, rejected):
-    """Check the step h to t_new in `y` against the field, where a slip turns inside it and at its end, and polish an event; (error, size, end) of it."""
+    """Check the step h to t_new in `y` against the field, at its end and at a turn of a slip inside, and polish an event. Return (error,
+    size, end)."""
     error = 0.0
     middle = turns(w, h)  # an excursion within the step, which its end does not show
     for attempt in range(3):  # a loop, so that the code of the check is there once

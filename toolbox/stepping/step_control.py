@@ -54,7 +54,8 @@ def tolerance(w, i):
 
 
 def measure_round_off(w):
-    """Size of round-off in every slope and guard, from what small changes do to it, and in slopes from the forces that cancel in it."""
+    """Estimate the round-off of every slope and guard by small changes of the point. Slopes also get the round-off of forces that
+    cancel."""
     n = w.ints[layout.N]
     nudge(w)
     call(w.ints[layout.FIELD], w.reals[layout.TIME] * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
@@ -68,7 +69,7 @@ def measure_round_off(w):
 
 
 def spread_round_off(w, h):
-    """Add to the noise of every slope what a step h, which has been accepted, makes of the noise of the others.
+    """Add to the noise of every slope the noise that an accepted step h carries over from other slopes.
 
     A position whose speed is only the round-off of balanced forces has no scale of its own: without this its error would be held to one. States of a size
     that round-off does not reach are left alone.

@@ -37,7 +37,7 @@ from toolbox.steady_states.equilibria import state_values
 
 @dataclass(frozen=True)
 class Numbers:
-    """Numbers of n runs that differ in a few columns, written out only where they are needed: `np.asarray(numbers)`, shape (n, columns).
+    """Numbers of n runs that differ in few columns: `np.asarray(numbers)` gives the full array, shape (n, columns), when it is needed.
 
     same: what they share, shape (columns,);  places: which columns vary;  points: what stands there, shape (n, places).
     """
@@ -96,7 +96,8 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What n runs gave: values of the measures, shape (n, measures), nan for a run that failed; why, by index among all; seconds and steps it took."""
+    """Results of n runs: values of the metrics, shape (n, metrics), nan for a failed run, reasons of failures by index among all runs,
+    seconds and steps."""
 
     first: int
     values: np.ndarray
@@ -254,7 +255,8 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
 
 
 def with_room(run: Run, clocks: np.ndarray | None) -> Run:
-    """The run with sample times and delays by which at least as many outputs are on their way as in any run with those clocks."""
+    """Return the run with sample times and delays that reserve enough room for delayed outputs: at least as many are on their way as in any
+    run with those clocks."""
     if clocks is None:
         return run
     of_each = [[Clock(*row) for row in rows] for rows in np.swapaxes(clocks, 0, 1).tolist()]

@@ -35,7 +35,8 @@ class Columns:
 
 
 def chunk_shape(shape: tuple[int, ...], rows: int) -> tuple[int, ...]:
-    """A block of at most `rows` entries that are neighbours in an array of that shape: whole trailing axes, a part of one, one of each before it."""
+    """Return the shape of a block of at most `rows` neighbouring entries of an array: whole trailing axes, part of an axis, length 1 in the
+    axes before."""
     block, room = [1] * len(shape), rows
     for k in reversed(range(len(shape))):
         if shape[k] > room:

@@ -21,7 +21,7 @@ from toolbox.sweeps.sweep import task_of
 
 @dataclasses.dataclass(frozen=True)
 class Courses:
-    """Runs of a loop: rows of what varies, each under every seed, for so many seconds, measured by name.
+    """Runs of a loop: each row of varied numbers under every seed, with a duration, and metrics by name.
 
     loop: its numbers;  rows: {full name of a number: value} of each;  seeds: of the measurement noise;  inputs: {name of an input: a shape for every run},
     seed by seed, of the kind that the loop has there;  duration [s];  measures: {name: measure}.
@@ -35,7 +35,7 @@ class Courses:
     inputs: Mapping[str, Sequence[Any]] = dataclasses.field(default_factory=dict)
 
     def task(self) -> tuple[Task, dict[int, str]]:
-        """The task of all runs, seed by seed, and what is wrong with those that contradict themselves."""
+        """Return the task of all runs, seed by seed, and {index: reason} of the runs with contradictory numbers."""
         variations = variations_of(list(self.rows))
         one, broken, _ = task_of(
             self.loop, variations, self.duration, start=None, metrics=dict(self.metrics), accuracy=accuracy_of(self.loop)
@@ -58,7 +58,7 @@ class Courses:
         return probed(self.task()[0])
 
     def measured(self, manner: Manner, runs: int, steps: int, executor: concurrent.futures.Executor | None = None) -> dict[str, np.ndarray]:
-        """{name of a measure: its values in all runs, nan where one failed}.
+        """Return {name of a metric: its values in all runs, nan for a failed run}.
 
         manner: of such runs;  runs, steps: of all that are to come of the same kind, and in each, by which it is decided whether lanes pay. They do not for so
         few runs at a time that most lanes stand empty.  executor: as of `sweep`.

@@ -232,7 +232,7 @@ def _asked(values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def variations_of(vary: Any) -> Variations:
-    """What is given to vary: designs as they are, {name: values} as a grid, anything else as rows."""
+    """Return the argument as variations: a design is unchanged, {name: values} becomes a grid, anything else is taken as rows."""
     if isinstance(vary, Variations):
         return vary
     if isinstance(vary, Mapping):

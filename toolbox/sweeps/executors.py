@@ -53,7 +53,7 @@ AHEAD = 4096
 
 @dataclass(frozen=True)
 class Manner:
-    """How the runs of a sweep are done, decided once: the method, whether in lanes, and the seconds that one of them takes alone."""
+    """Choice of the computation of a sweep, made once: the method, whether to use lanes, and the seconds of a single run."""
 
     method: Method
     lanes: bool
@@ -61,7 +61,7 @@ class Manner:
 
     @staticmethod
     def noted(notes: Mapping[str, Any], run: Run) -> Manner:
-        """What `notes` of an earlier call said of the same runs, whose own method keeps its options."""
+        """Return the choice from the `notes` of an earlier call for the same runs. The method keeps its own options."""
         method = notes["method"]
         return Manner(run.method if run.method.text == method else METHODS[method], notes["lanes"], notes["cost"])
 
@@ -157,14 +157,14 @@ def _next(arrived: queue.SimpleQueue[concurrent.futures.Future[Outcome]]) -> con
 
 
 def check_executor(given: Any) -> None:
-    """Raise SceneError for what is neither None nor an executor."""
+    """Raise SceneError unless the argument is None or an executor."""
     if given is not None and not isinstance(given, concurrent.futures.Executor):
         raise SceneError(f"Argument `executor` must be a concurrent.futures.Executor, such as a ProcessPoolExecutor, but it is {given!r}.")
 
 
 @contextlib.contextmanager
 def travelling(*sent: Any) -> Iterator[None]:
-    """Say in words of the user that what is sent to other processes cannot travel. Raises SceneError."""
+    """Raise SceneError, in words for the user, if the objects sent to other processes cannot be pickled."""
     try:
         yield
     except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -244,7 +244,7 @@ class Workers(concurrent.futures.ProcessPoolExecutor):
         super().__init__(processes, mp_context=multiprocessing.get_context("spawn"), initializer=bound)
 
     def submit(self, *arguments: Any, **named: Any) -> concurrent.futures.Future[Any]:
-        """Hand over a call; a process that begins meanwhile inherits what is blocked here."""
+        """Submit a call with interrupts blocked. A process that starts meanwhile inherits the block."""
         if not hasattr(signal, "pthread_sigmask"):
             return super().submit(*arguments, **named)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -255,7 +255,8 @@ class Workers(concurrent.futures.ProcessPoolExecutor):
 
 
 def bound() -> None:
-    """Begin as a worker. Ctrl-C reaches every process of a terminal: the first one decides what it means; where that is killed, its workers go too."""
+    """Begin a worker process. Ctrl-C reaches all processes of a terminal, so the worker ignores it; the parent decides, and the worker ends
+    with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 

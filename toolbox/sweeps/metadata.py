@@ -41,7 +41,8 @@ def digests(path: Path, names: tuple[str, ...]) -> dict[str, str]:
 
 
 def notes_of(path: Path) -> dict[str, Any]:
-    """The notes of the sweep in a folder. Raises SceneError where there is none, where it is damaged, and for a format or codec that sweeps do not use."""
+    """Return the notes of the sweep in a folder. SceneError is raised if there is no sweep, if it is damaged, or if a format or codec is
+    not used by sweeps."""
     if not os.path.lexists(path / FILE):
         raise SceneError(f"There is no sweep in `{path}`: there is no file `{path / FILE}`.")
     try:

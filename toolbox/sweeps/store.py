@@ -87,7 +87,7 @@ class Store:
         self._open = _Open(self.path, "r+")
 
     def columns(self) -> Columns:
-        """What is there; nothing where the store has not begun. Raises SceneError for a chunk that is missing or damaged."""
+        """Return the stored results; empty if the store has not begun. SceneError is raised for a missing or damaged chunk."""
         if self._open is None:
             return Columns.empty(self.sheet.runs, len(self.sheet.metric_units))
         return self._open.columns()
@@ -103,7 +103,7 @@ class Store:
         self._changed |= {k for k, (a, b) in enumerate(self.ranges) if a < last and first < b}
 
     def flush(self, columns: Columns, pause: float = 0.0) -> None:
-        """Write what has changed, unless the last write is less than `pause` seconds ago. Raises OSError where the disk does not take it."""
+        """Write the changes, unless the last write is less than `pause` seconds ago. OSError is raised if the disk refuses the write."""
         if not self._changed or clock.monotonic() - self._written < pause:
             return
         assert self._open is not None
@@ -121,7 +121,8 @@ class Store:
 
 
 def saved(sweep: Sheet, path: Path) -> None:
-    """Write a sweep that is there as the store that it would have left, in place of what is there."""
+    """Write a finished sweep as a store, in place of an existing store. The result is the store that the sweep itself would have
+    written."""
     _zarr()
     _check_free(path)
     columns = Columns.empty(sweep.runs, len(sweep.metrics))
@@ -145,7 +146,8 @@ def _check_free(path: Path) -> None:
 
 
 def loaded(path: Path) -> dict[str, Any]:
-    """The sweep in a store, as the arguments of a `Sweep`. Raises SceneError where there is none, where it is damaged, and where runs still wait."""
+    """Return the sweep in a store, as the arguments of a `Sweep`. SceneError is raised if there is no sweep, if it is damaged, or if runs
+    still wait."""
     _zarr()
     opened = _Open(path, "r")
     notes, columns = opened.notes, opened.columns()
@@ -168,7 +170,7 @@ def loaded(path: Path) -> dict[str, Any]:
 
 
 def folder_of(path: Path) -> None:
-    """Make a folder with its parents; raises SceneError where that cannot be."""
+    """Make a folder with its parents. SceneError is raised if the folder cannot be made."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -176,7 +178,8 @@ def folder_of(path: Path) -> None:
 
 
 def journal_in(folder: Path, name: str, loop: ClosedLoop, variations: Variations, duration: float, accuracy: float, **more: Any) -> Journal:
-    """What is known in a file of a folder of a search over runs of a loop; more: what else makes the search. Raises SceneError for that of another one."""
+    """Return the journal of a search over runs of a loop, from a file of a folder. `more` is the rest of the definition of the search.
+    SceneError is raised for the journal of another search."""
     folder_of(folder)
     run = shared_run(loop, variations, duration, accuracy=accuracy)
     return Journal(folder / name, fingerprints(run, variations.names, duration=[duration], **more))
@@ -221,7 +224,7 @@ class _Open:
         self.arrays["status"][region] = columns.status[first:last].reshape(shape)
 
     def columns(self) -> Columns:
-        """What is there. Raises SceneError for a chunk that is missing or damaged."""
+        """Return the stored results. SceneError is raised for a missing or damaged chunk."""
         status = self.arrays["status"]
         columns = Columns.empty(math.prod(status.shape), len(self.names))
         for first, last in self.ranges():
@@ -247,7 +250,7 @@ class _Open:
         return columns
 
     def axis(self, name: str) -> np.ndarray:
-        """Values of what was varied. Raises SceneError where they are missing or damaged."""
+        """Return the values of a varied number. SceneError is raised if they are missing or damaged."""
         array = self.arrays[name]
         key = array.metadata.encode_chunk_key((0,))
         try:

@@ -182,7 +182,8 @@ def task_of(
     method: Method | str = "event",
     accuracy: float,
 ) -> tuple[Task, dict[int, str], dict[str, Metric]]:
-    """(the runs of a sweep, what is wrong with those that contradict themselves, what is read of each), of arguments as `sweep` takes them."""
+    """Return the runs of a sweep, the reasons of runs with contradictory numbers, and the metrics of each run. The arguments are those of
+    `sweep`."""
     run = shared_run(loop, variations, duration, method=method, accuracy=accuracy)
     chosen = judged_measures(metrics, run.loop, run.start.time, run.end)
     numbers, broken = varied_numbers(run, variations)

@@ -36,7 +36,7 @@ from toolbox.sweeps.designs import Variations
 
 
 def shared_run(loop: ClosedLoop, variations: Variations, duration: float, **arguments: Any) -> Run:
-    """The run that all variations share, with what is varied as inputs given as numbers. Raises SceneError as `simulate` does."""
+    """Return the run shared by all variations, with varied inputs as numbers. SceneError is raised as by `simulate`."""
     if len(set(variations.names)) < len(variations.names):
         raise SceneError("Argument `ranges` must name every number once.")
     kept = [{name: v for name, v in given.items() if name not in variations.names} for given in (loop.inputs, loop.parameters)]
@@ -180,7 +180,8 @@ def _designs(loop: ClosedLoop, numbers: Sequence[Number], points: np.ndarray, br
 
 
 def start_states(run: Run, variations: Variations, begin: Callable[[Mapping[str, float]], Mapping[str, Any]] | None) -> np.ndarray | None:
-    """Start states of every run, shape (runs, states): what a function of what is varied says, and start values that vary; None where all begin alike."""
+    """Return the start states of every run, shape (runs, states), from a function of the varied numbers and from varied start values. None
+    if all runs start alike."""
     own = _started(run, variations, in_laws=False)
     if begin is None and not own:
         return None
@@ -206,7 +207,7 @@ def with_kept(
     memories: np.ndarray | None,
     held: np.ndarray | None,
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """(memories, held signals) of every run, with those that a function of what is varied says."""
+    """Return the memories and held signals of every run, after a function of the varied numbers has set some of them."""
     if begin is None:
         return memories, held
     rows = [begin(dict(zip(variations.names, point, strict=True))) for point in variations.points.tolist()]
@@ -220,7 +221,7 @@ def with_kept(
 
 
 def start_memories(run: Run, variations: Variations) -> np.ndarray | None:
-    """What sampled laws remember at the start of every run, shape (runs, memory); None where all begin alike."""
+    """Return the memory of the sampled laws at the start of every run, shape (runs, memory). None if all runs start alike."""
     own = _started(run, variations, in_laws=True)
     if not own:
         return None
@@ -327,7 +328,7 @@ def varied_clocks(run: Run, variations: Variations) -> np.ndarray | None:
 
 
 def varied_held(run: Run, variations: Variations) -> np.ndarray | None:
-    """What the signals of late laws have until the first output arrives, where it varies; else None."""
+    """Return the values of the commands of delayed laws before the first output arrives, if these values vary; else None."""
     plant = run.plant
     names = [name for name in variations.names if name not in run.system.inputs and plant.has_parameter(name)]
     varied = varied_clocks(run, variations)
@@ -348,7 +349,8 @@ def varied_held(run: Run, variations: Variations) -> np.ndarray | None:
 
 
 def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:
-    """What a sweep is made of, argument by argument, as digests; functions by their names, because their text cannot be compared."""
+    """Return the definition of a sweep, argument by argument, as digests. Functions are represented by their names, because their text
+    cannot be compared."""
     metrics = [(measure, _name(measure.function)) for measure in task.metrics]
     arrays = [array for array in (task.starts, task.memories, task.held, task.clocks) if array is not None]
     return fingerprints(
@@ -362,7 +364,7 @@ def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) ->
 
 
 def fingerprints(run: Run, varied: Sequence[str], **more: Any) -> dict[str, str]:
-    """What a run is made of, but for the inputs that are varied, and what else is given, argument by argument, as digests."""
+    """Return the definition of a run without its varied inputs, and of further arguments, argument by argument, as digests."""
     content = {
         "machine": [_plain(structure_of(part)) for part in run.system.parts] + [run.system.values.tolist()],
         "controller": [_name(law) for law in run.controllers]

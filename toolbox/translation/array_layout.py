@@ -24,7 +24,7 @@ ARRAY = id(np.ndarray)
 
 @cache
 def check_layout() -> None:
-    """Raise RuntimeError where arrays of numpy are not laid out as this file says."""
+    """Raise RuntimeError if the arrays of numpy have another memory layout than this file describes."""
     tried: tuple[np.ndarray, ...] = (np.zeros((3, 5)), np.zeros(7, np.int8), np.zeros((4, 4))[:, 1:])
     for array, item in zip(tried, (ctypes.c_void_p * 3).from_address(id(tried) + ITEMS), strict=True):
         data, sizes, dtype = (ctypes.c_void_p.from_address(item + at).value or 0 for at in (DATA, SIZES, DTYPE))

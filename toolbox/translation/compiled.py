@@ -177,7 +177,7 @@ def plain_processor() -> tuple[str, str]:
 
 @cache
 def machine() -> str:
-    """What machine code of one text depends on."""
+    """Return a text with everything but the source that determines the machine code: compiler, processor, platform and array layout."""
     return f"{compiler()} {plain_processor()} {sys.platform} {HEADER} {ITEMS}"
 
 

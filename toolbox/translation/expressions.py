@@ -29,7 +29,7 @@ _SET: WeakKeyDictionary[ast.AST, frozenset[str]] = WeakKeyDictionary()
 
 
 def names_set(tree: ast.AST) -> frozenset[str]:
-    """Names to which a part of a function gives values."""
+    """Return the names to which a part of a function assigns values."""
     if tree not in _SET:
         _SET[tree] = frozenset(each.id for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
     return _SET[tree]
@@ -47,11 +47,11 @@ class Expressions:
         self.names = {argument.arg: value for argument, value in zip(made.tree.args.args, made.arguments, strict=True)}
 
     def said(self, what: str, kind: Kind, *given: Any) -> Value:
-        """An expression of a kind, in the words of a language: its method of the name `what` makes its text."""
+        """Return an expression of a kind. Each language has a method named `what` to write the text."""
         return Value("", kind)
 
     def refuse(self, node: ast.AST, why: str = "") -> NoReturn:
-        """Refuse what is not known, by name and line."""
+        """Raise NotTranslatable for an expression, with the name of the function and the line."""
         line = getattr(node, "lineno", self.made.source.__code__.co_firstlineno)
         what = why or f"`{ast.unparse(node)[:80]}` is not known"
         raise NotTranslatable(f"{self.made.source.__module__}.{self.made.source.__qualname__}, line {line}: {what}")
@@ -72,7 +72,7 @@ class Expressions:
         return known(node.value)
 
     def of_Name(self, node: ast.Name) -> Value:
-        """A variable, or what stands outside of the function."""
+        """Translate a name: a variable, or a constant from outside of the function."""
         name = node.id
         if name in self.loops:
             return self.said("variable", self.loops[name], name)
@@ -93,11 +93,11 @@ class Expressions:
         return known(value)
 
     def kind_of(self, name: str) -> Kind:
-        """The kind of an argument; None for what is none."""
+        """Return the kind of an argument; None if the name is no argument."""
         return self.names[name].kind if name in self.names else None
 
     def outside(self, node: ast.expr) -> Any:
-        """What a name means outside of the function; None for nothing."""
+        """Return the object that a name means outside of the function; None if there is no such object."""
         if isinstance(node, ast.Name):
             if node.id in self.names or node.id in self.made.local or node.id in self.loops:
                 return None
@@ -167,7 +167,7 @@ class Expressions:
         return found
 
     def fixed(self, whole: Value, indices: Sequence[Value]) -> Any:
-        """The number at a place where it never changes, else None."""
+        """Return the number at a place of an array if the number never changes, else None."""
         return self.t.numbers.get((whole.field, indices[0].known)) if whole.field and len(indices) == 1 and indices[0].is_known else None
 
     def of_UnaryOp(self, node: ast.UnaryOp) -> Value:
@@ -224,7 +224,7 @@ class Expressions:
         return self.said("all_of", "b", parts)
 
     def of_BoolOp(self, node: ast.BoolOp) -> Value:
-        """And, or: what is known is left out."""
+        """Translate `and` and `or`. Known operands are left out."""
         is_and = isinstance(node.op, ast.And)
         kept: list[Value] = []
         for each in node.values:
@@ -250,7 +250,7 @@ class Expressions:
         return self.said("choice", joined(a.kind, b.kind), test, a, b)
 
     def of_Call(self, node: ast.Call) -> Value:
-        """A call: of model code, of a function of the loop, or of one that C has."""
+        """Translate a call of model code, of another function of the loop, or of a function that C has."""
         if node.keywords:
             self.refuse(node)
         if isinstance(node.func, ast.Attribute) and node.func.attr == "view":
@@ -295,7 +295,7 @@ class Expressions:
         return self.said("helped", "f", "number_of", value)
 
     def extreme(self, name: str, values: list[Value]) -> Value:
-        """The smallest or largest of some numbers, as Python chooses where one is not a number."""
+        """Return the smallest or largest of several numbers, with the choice that Python makes if a number is nan."""
         kind: Kind = None
         for value in values:
             kind = joined(kind, value.kind)

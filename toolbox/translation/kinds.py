@@ -43,7 +43,7 @@ _UNKNOWN = object()
 
 @dataclass(frozen=True)
 class Value:
-    """An expression in the language into which is translated: its text, kind, and value where it is known.
+    """An expression in the target language: its text, its kind, and its value if the value is known.
 
     field, owner: of an array the field of a tuple that it is, and the variable that is the tuple.
     """

@@ -59,7 +59,7 @@ def constant(value: Any, kind: str) -> str:
 
 
 class LlvmExpressions(Writer):
-    """The words of LLVM for expressions, by what they say (`toolbox.translation.expressions`): of each a kind and what it is made of."""
+    """Expressions in LLVM: the text of each operation that `toolbox.translation.expressions` names."""
 
     final = True
     t: LlvmTranslation
@@ -73,7 +73,7 @@ class LlvmExpressions(Writer):
 
     # --- instructions
     def emit(self, line: str) -> None:
-        """Write one line; behind an end of a block, into one that is never reached."""
+        """Write a line. Behind the end of a block, the line goes into a new block that is never reached."""
         if self.ended:
             self.start(self.label("dead"))
         self.lines.append(f"  {line}")
@@ -101,7 +101,7 @@ class LlvmExpressions(Writer):
             self.ended = True
 
     def split(self, test: str, label: str, other: str) -> None:
-        """End a block by going to one of two."""
+        """End a block with a branch to the first label if the test holds, and to the other label otherwise."""
         self.emit(f"br i1 {test}, label %{label}, label %{other}")
         self.ended = True
 
@@ -251,7 +251,7 @@ class LlvmExpressions(Writer):
         return found
 
     def of_BoolOp(self, node: ast.BoolOp) -> Value:
-        """And, or: what stands behind is looked at only where it counts."""
+        """Translate `and` and `or`. A later operand is computed only if the earlier operands do not decide."""
         every = isinstance(node.op, ast.And)
         slot, end = "", self.label("both")
         for i, each in enumerate(node.values):
@@ -275,7 +275,7 @@ class LlvmExpressions(Writer):
         return Value(self.new(f"load i1, ptr {slot}"), "b")
 
     def of_IfExp(self, node: ast.IfExp) -> Value:
-        """One of two values, of which only that one is computed."""
+        """Translate a conditional expression. Only the chosen value is computed."""
         test = self.value(node.test)
         if test.is_known:
             return self.value(node.body if test.known else node.orelse)
@@ -376,7 +376,7 @@ class LlvmWriter(LlvmExpressions):
         self.go(self.exits[-1][how])
 
     def give(self, values: Sequence[Value]) -> None:
-        """End the function with what it gives."""
+        """End the function with its returned values."""
         kind = self.made.returns
         if not values:
             self.emit("ret void")
@@ -486,6 +486,6 @@ class LlvmTranslation(Translation):
 
     @cached_property
     def places(self) -> dict[Arrays, dict[str, int]]:
-        """{tuple: {field: place of its address in the table}}, behind which its sizes stand."""
+        """{tuple: {field: place of the address of the field in the table}}. The sizes of the field follow its address."""
         sizes = {each: [1 + len(kind.shape) for kind in fields.values()] for each, fields in self.tuples.items()}
         return {each: dict(zip(fields, itertools.accumulate(sizes[each], initial=0), strict=False)) for each, fields in self.tuples.items()}

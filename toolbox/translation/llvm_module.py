@@ -84,7 +84,7 @@ class _Reader:
         return f"%r{self.count}"
 
     def entry(self, pointer: str, offset: int, kind: str = "ptr") -> str:
-        """What stands so many bytes behind a place."""
+        """Read the value at an offset of so many bytes from a pointer."""
         return self.new(f"load {kind}, ptr {self.new(f'getelementptr i8, ptr {pointer}, i64 {offset}')}")
 
     def expect(self, value: str, kind: str, wanted: int | str) -> None:
@@ -92,7 +92,7 @@ class _Reader:
         self.fits = self.new(f"and i1 {self.fits}, {self.new(f'icmp eq {kind} {value}, {wanted}')}")
 
     def settle(self) -> None:
-        """Go on only where all was as expected: what follows is read from objects that are known by then."""
+        """Branch to the unfit exit unless all tests so far hold. The code behind may read the objects that the tests have checked."""
         self.lines += [f"  br i1 {self.fits}, label %known{self.count}, label %unfit", f"known{self.count}:"]
         self.fits = "true"
 

@@ -39,7 +39,7 @@ class Writer(Expressions):
         """Leave a loop, or a turn of it."""
 
     def on_Expr(self, node: ast.Expr) -> None:
-        """A call for what it does, or words."""
+        """Translate a call that stands as a statement. A docstring is left out."""
         if isinstance(node.value, ast.Constant):
             return
         if not isinstance(node.value, ast.Call):
@@ -61,10 +61,10 @@ class Writer(Expressions):
         self.give(values)
 
     def give(self, values: Sequence[Value]) -> None:
-        """End the function with what it gives."""
+        """End the function with its returned values."""
 
     def on_If(self, node: ast.If) -> None:
-        """A condition; one that is known leaves out the other branch."""
+        """Translate an if statement. If the condition is known, only the branch that runs is translated."""
         test = self.value(node.test)
         if test.is_known:
             self.block(node.body if test.known else node.orelse)
@@ -162,7 +162,7 @@ class Writer(Expressions):
             self.refuse(node)
 
     def at_once(self, targets: Sequence[ast.expr], values: Sequence[Value]) -> None:
-        """Set several places, some of which the values read."""
+        """Assign several values to several places. A value may read a place that the same statement assigns."""
         for each, value in zip(targets, values, strict=True):
             self.store(each, value)
 
@@ -173,7 +173,7 @@ class Writer(Expressions):
                 self.store(each, self.said("of_tuple", kind, value, i))
 
     def apart(self, target: ast.Tuple, values: ast.Tuple) -> bool:
-        """Whether variables may be set one after another, because none of the later values reads one of them."""
+        """Return whether the variables may be assigned one after another: no later value reads an earlier variable."""
         names = [each.id for each in target.elts if isinstance(each, ast.Name)]
         if len(names) < len(target.elts):
             return False
@@ -215,7 +215,7 @@ class Writer(Expressions):
         """Set an entry of an array."""
 
     def on_AugAssign(self, node: ast.AugAssign) -> None:
-        """An assignment that computes with what was there."""
+        """Translate an augmented assignment, such as `x += 1`."""
         changed = ast.BinOp(left=_loaded(node.target), op=node.op, right=node.value)
         ast.copy_location(changed, node)
         self.store(node.target, self.value(changed))

@@ -24,7 +24,7 @@ from toolbox.translation.statements import Writer
 
 @dataclass
 class Function:
-    """One function for one set of types: its kinds as far as they are inferred, and its text."""
+    """A function for one set of argument types: the kinds inferred so far, and its text."""
 
     name: str
     source: FunctionType
@@ -76,7 +76,7 @@ class Translation:
         return self.made[key]
 
     def written(self, source: Any, arguments: Sequence[Value]) -> Function:
-        """The same with its text, and that of all that it calls before it."""
+        """Return the function with its text. The functions that it calls are written before it."""
         made = self.function(source, arguments)
         if not made.text:
             made.text = "/* */"  # nothing calls itself; what would is refused by the compiler
@@ -93,7 +93,8 @@ def _functions_of(path: str, source: str) -> dict[int, ast.FunctionDef]:
 
 
 def tree_of(plain: FunctionType) -> ast.FunctionDef:
-    """The text of a function, as a tree. Raises NotTranslatable where its file is not there, or has changed since."""
+    """Return the source of a function as a syntax tree. NotTranslatable is raised if the file is missing or has changed since, or if the
+    function is a closure."""
     path = plain.__code__.co_filename
     found = _functions_of(path, "".join(linecache.getlines(path, plain.__globals__))).get(plain.__code__.co_firstlineno)
     if found is None or found.name != plain.__name__:

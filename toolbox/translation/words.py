@@ -19,5 +19,5 @@ def call_code(address: Any, *arrays: Any) -> None:
 
 
 def call_loop(address: Any, w: Any) -> int:
-    """Call another compiled loop at its `Compiled.address` with a tuple of arrays; returns what it gives."""
+    """Call another compiled loop at its `Compiled.address` with a tuple of arrays, and return its result."""
     raise TypeError("Only a compiled loop can call another one.")

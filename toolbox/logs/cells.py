@@ -87,7 +87,8 @@ def factor(unit: str, wanted: str, name: str) -> float:
 
 
 def quantity_of(unit: str) -> str:
-    """Return the quantity that a unit measures, such as "current" for "mA"; empty for an unknown unit, and for one of a quantity without a name here."""
+    """Return the quantity that a unit measures, such as "current" for "mA". Empty for an unknown unit, and for a unit whose quantity has no
+    name here."""
     for of_quantity, quantity in QUANTITIES.items():
         with contextlib.suppress(SceneError):
             factor(unit, of_quantity, "unit")
@@ -110,7 +111,7 @@ def is_unit(text: str) -> bool:
 
 
 def decimal_mark(cells: Sequence[str]) -> str | None:
-    """The decimal mark of a log by its cells: "." or ","; None where commas may part thousands as well as decimals."""
+    """Return the decimal mark of a log, found in its cells: "." or ",". None if the commas may also be thousands separators."""
     commas = [cell for cell in cells if "," in cell and re.fullmatch(r"[+-]?[\d.,' \u00a0\u202f]+(?:[eE][+-]?\d+)?", cell)]
     if not commas:
         return "."
@@ -141,7 +142,7 @@ def plain_number(cell: Any, mark: str = ".") -> float:
 
 
 def epoch(numbers: np.ndarray) -> float | None:
-    """Seconds of one count, where numbers count from 1970; None for others."""
+    """Return the seconds of a count if numbers count from 1970; None for other numbers."""
     finite = numbers[np.isfinite(numbers)]
     middle = float(np.median(finite)) if finite.size else 0.0
     return next((size for low, high, size in EPOCHS if low < middle < high), None)

@@ -45,7 +45,8 @@ from toolbox.tuning.results import Tuned
 
 @dataclass(frozen=True)
 class Kind:
-    """What one command writes: the file that tells of it, what it is called, its figure, and how its answer and its verdicts are read from the folder."""
+    """Output of a command: the file that identifies it, its name, its figure, and functions that read its answer and its verdicts from the
+    folder."""
 
     mark: str
     name: str

@@ -251,6 +251,6 @@ class Lifting(Controller):
                 ca.fmax(taken - self.reload_rate * period, 0.0),
             )
             outputs["bit.weight"] = (full * (1.0 - taken), "N")
-        update = Update({**inside.memory, **memory}, outputs)
+        update = Update({**memory, **inside.memory}, outputs)
         load = self.observer.seen(self.observer.begun(speed, torque))["top.load"][0] / self.string_impedance
         return begun(update, signal, "lifting", {x: self.observer.begun(speed, torque), asked: wanted, mean: load, square: load * load})

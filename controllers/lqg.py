@@ -28,8 +28,9 @@ class LQG(LQR):
     >>> from toolbox import closed_loop, compose
     >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), LQG(reference="60 rpm")))
     Closed loop: TorsionalChain, BitRock
-      LQG, continuous: reference 60 rpm, top_speed_scale 19.1 rpm, bit_speed_scale 19.1 rpm, angle_scale 8 rad,
-        torque_scale 3000 N m, tracking_time 5 s
+      LQG, continuous: law LQR (reference 60 rpm, top_speed_scale 19.1 rpm, bit_speed_scale 19.1 rpm, angle_scale 8 rad,
+        torque_scale 3000 N m, tracking_time 5 s), observer Kalman (speed_noise 0.09549 rpm, period 0.01 s,
+        torque_process_noise 2000 N m s^-0.5, drive_process_noise 50 N m s^0.5)
     """
 
     @property

@@ -332,6 +332,7 @@ ENTRIES = (
     Entry("Dankowicz", "reach", "presliding_displacement", "largest deflection of the bristles"),
     Entry("DiscBrake", "other_friction", "second_pad_friction", "friction law of the second pad"),
     Entry("DiskStack", "clamped", "static_positions", "axial positions at rest under a force"),
+    Entry("BandBrake Wound", "angle", "wrap_angle", "angle of the drum that the band covers"),
     Entry("DragBit", "geometry", "bit_geometry_number", "bit geometry number gamma"),
     Entry("DragBit", "inclination", "cutter_inclination", "ratio zeta of axial to tangential cutting force"),
     Entry("DragBit", "engagement", "engagement_depth", "depth of cut from which the wear flats carry in full"),
@@ -438,3 +439,6 @@ ENTRIES = (
     Entry("stickslip-posterior", "--hole", "--max-gap", "largest gap, in samples"),
 )  # fmt: skip
 """The terms that replaced others. Exceptions stand in the docs."""
+
+FORMER_FIRST_WORDS = frozenset({"brake", "external", "held", "law", "lqr", "observer", "pi", "slidingmode"})
+"""First words that numbers of controllers of other classes had; they begin with the class in lowercase, or with the `name` of the controller, now."""

@@ -65,7 +65,8 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "sweep": ("sweep", "rig.toml", "--range", "bit.weight=60kN:100kN:4", "--metric", "severity", "--controller", "stiff PI"),
     "map": ("map", "rig.toml", "--range", "top.reference=9:14", "--range", "bit.weight=60kN:100kN", "--shape", "3x3", "--controller", "stiff PI"),
     "tune": (
-        "tune", "rig.toml", "--controller", "stiff PI", "--range", "pi.integral=500:5000", "--objective", "severity", "--runs", "10", "--checkpoint", "journal",
+        "tune", "rig.toml", "--controller", "stiff PI", "--range", "stiffpi.integral=500:5000", "--objective", "severity", "--runs", "10",
+        "--checkpoint", "journal",
     ),
     "export": ("export", "rig.toml", "--part", "law", "--controller", "sampled"),
     "answer": (

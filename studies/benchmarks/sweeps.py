@@ -97,7 +97,7 @@ def scenes() -> list[Scene]:
 def pools() -> None:
     """The table of executors: seconds, least of five, all in turn."""
     rig, weights = compose(wells.JANSEN_2, BitRock()), {"bit.weight": np.linspace(50e3, 110e3, 400)}
-    four, bounds = scenes(), {"pi.proportional": (300.0, 20e3), "pi.integral": (50.0, 5e3)}
+    four, bounds = scenes(), {"stiffpi.proportional": (300.0, 20e3), "stiffpi.integral": (50.0, 5e3)}
     tasks = {
         "sweep": lambda pool: sweep(closed_loop(rig, Sampled(StiffPI(), 0.01)), weights, duration=120.0, executor=pool),
         "tune": lambda pool: tune(four, "drive", "severity", bounds, runs=60, executor=pool),

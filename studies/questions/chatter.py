@@ -56,7 +56,7 @@ def held(law: SlidingSurface, period: float, late: int = 0, rising: float = 0.0)
     )  # fmt: skip
     times = np.arange(35.0, 40.0 - period, period)
     point = run.at(times + period / 2)
-    return times, point["slidingmode.surface"], point["top.torque"]
+    return times, point[f"{type(law).__name__.lower()}.surface"], point["top.torque"]
 
 
 def changes() -> dict[str, np.ndarray]:

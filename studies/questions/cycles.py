@@ -38,12 +38,12 @@ def drilling() -> Cycle:
 
 def reach(cycle: Cycle, points: int = 250) -> Branch:
     """That cycle as the set-point changes, round the corner and down to the Hopf speed."""
-    return follow(cycle, "pi.reference", (2.0, 20.0), points=points)
+    return follow(cycle, "stiffpi.reference", (2.0, 20.0), points=points)
 
 
 def onwards(cycle: Cycle, points: int = 45) -> Branch:
     """The same branch the other way, to slow set-points, where the bit sticks for most of the time."""
-    return follow(cycle, "pi.reference", (2.0, 20.0), points=points, start_towards=2.0, step=0.04)
+    return follow(cycle, "stiffpi.reference", (2.0, 20.0), points=points, start_towards=2.0, step=0.04)
 
 
 def differences(cycle: Cycle, by: float = 1e-6) -> np.ndarray:
@@ -54,7 +54,7 @@ def differences(cycle: Cycle, by: float = 1e-6) -> np.ndarray:
         for sign in (1.0, -1.0):
             x = cycle.start.copy()
             x[i] += sign * by
-            start = {"chain.twist": x[:1], "chain.speed": x[1:3], "pi.angle": x[3]}
+            start = {"chain.twist": x[:1], "chain.speed": x[1:3], "stiffpi.angle": x[3]}
             ends.append(simulate(RIG, cycle.period, start=start, controller=StiffPI(reference=REFERENCE), accuracy=1e-13).states[-1])
         columns.append((ends[0] - ends[1]) / (2 * by))
     values = np.linalg.eigvals(np.array(columns).T)
@@ -117,7 +117,7 @@ def main() -> None:
         f"period to {abs(rough.period - cycle.period):.0e} s of that at accuracy 1e-12; found in {1e3 * float(np.median(times)):.1f} ms (median of 20)"
     )
     print(f"multipliers differ from central differences by {np.abs(differences(cycle) - cycle.multipliers).max():.1e}")
-    follow(cycle, "pi.reference", (2.0, 20.0), points=3)  # compiles
+    follow(cycle, "stiffpi.reference", (2.0, 20.0), points=3)  # compiles
     began, worked = time.perf_counter(), time.process_time()
     branch = reach(cycle, points=100)
     print(

@@ -54,7 +54,7 @@ class Drive:
     @property
     def reference(self) -> str:
         """The name of its set-point among the parameters."""
-        return f"{'slidingmode' if isinstance(self.law, SlidingMode) else 'pi'}.reference"
+        return f"{type(self.law).__name__.lower()}.reference"
 
     def at(self, reference: float) -> ClosedLoop:
         """The loop with a set-point."""

@@ -87,7 +87,7 @@ def loosening(cycle: Cycle, points: int = 45) -> Branch:
 def strobed(cycle: Cycle, amplitude: float, count: int = 600) -> np.ndarray:
     """States of the drill string once a period, shape (count, 3), from a thousandth beside a cycle."""
     x = cycle.start
-    start = {"chain.twist": x[:1], "chain.speed": x[1:3] * (1.0, 1.001), "pi.angle": float(cycle.memory[0])}
+    start = {"chain.twist": x[:1], "chain.speed": x[1:3] * (1.0, 1.001), "softtorque.angle": float(cycle.memory[0])}
     times = SWING_PERIOD * np.arange(count)
     return simulate(swung(amplitude), times[-1], start=start, output_times=times, accuracy=1e-9).states
 

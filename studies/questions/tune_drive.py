@@ -129,7 +129,12 @@ def tuned_sliding_mode(runs: int, journal: Path | None = None) -> Tuned:
     given = SlidingMode(reference=whirl.REFERENCE, surface_gain=0.6, reaching_rate=1.0)
     objectives = {"lowest set-point [rad/s]": lowest_set_point, "impacts": impacts}
     return tune(
-        collar(), given, objectives, {"slidingmode.surface": (0.02, 1.6), "slidingmode.reaching": (0.1, 4.0)}, runs=runs, checkpoint=journal
+        collar(),
+        given,
+        objectives,
+        {"slidingmode.surface_gain": (0.02, 1.6), "slidingmode.reaching_rate": (0.1, 4.0)},
+        runs=runs,
+        checkpoint=journal,
     )
 
 

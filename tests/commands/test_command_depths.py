@@ -40,7 +40,7 @@ def test_the_schedule_is_that_of_the_verb_with_c_for_the_drive_and_the_report_re
     found = Schedule.load(out / "schedule.npz")
     assert str(found) in printed and found.depths == (2000.0, 2500.0) and [each.depth for each in found.checked] == [2000.0, 2250.0, 2500.0]
     law = Scene.load(root / WELL, depth=2500.0)["soft torque"].designed_controllers[0]
-    assert found.gains_at(2500.0)["pi.integral"] == pytest.approx(law.integral, rel=1e-12)
+    assert found.gains_at(2500.0)["softtorque.integral"] == pytest.approx(law.integral, rel=1e-12)
     assert {each.name for each in out.iterdir()} == {
         "origin.json", "scene.toml", "drive.c", "drive.h", "drive_depth.c", *(f"schedule.{end}" for end in ("txt", "csv", "npz", "png")),
     }  # fmt: skip
@@ -59,7 +59,7 @@ def test_the_schedule_is_that_of_the_verb_with_c_for_the_drive_and_the_report_re
         )
         gains = np.zeros(64)
         ctypes.CDLL(str(tmp_path / "drive.so")).drive_gains_at(ctypes.c_double(2250.0), gains.ctypes.data_as(ctypes.c_void_p))
-        assert found.gains_at(2250.0)["pi.integral"] in gains
+        assert found.gains_at(2250.0)["softtorque.integral"] in gains
     assert main(["report", str(out), "--page", str(tmp_path / "page.html")]) == 0
     assert "Gains over depth" in (tmp_path / "page.html").read_text(encoding="utf-8")
 

@@ -466,7 +466,7 @@ JANSEN = "studies/scenes/jansen_2.toml"
         (["onset", "--range", "top.reference=5:3"], "top.reference=LOW:HIGH with LOW < HIGH"),
         (["onset", "--range", "top.refrence=3:5"], "did you mean `top.reference`"),
         (
-            ["tune", "--controller", "stif PI", "--range", "pi.integral=1:2", "--objective", "stuck", "--out", "OUT"],
+            ["tune", "--controller", "stif PI", "--range", "stiffpi.integral=1:2", "--objective", "stuck", "--out", "OUT"],
             "did you mean `stiff PI`",
         ),
         (["chance", "--range", "bit.radus=0.1:0.2:2", "--uncertainty", "bit.weight=97 kN +- 8 kN"], "did you mean `bit.radius`"),

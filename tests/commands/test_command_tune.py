@@ -38,9 +38,9 @@ FREE = [
     "--controller",
     "stiff PI",
     "--range",
-    "pi.proportional=500:50e3",
+    "stiffpi.proportional=500:50e3",
     "--range",
-    "pi.integral=0.05:20 kN m/rad",
+    "stiffpi.integral=0.05:20 kN m/rad",
     "--objective",
     "severity",
 ]
@@ -50,7 +50,7 @@ def test_two_scenes_become_a_report_a_figure_the_points_and_scenes_with_the_tune
     out = tmp_path / "tuned"
     assert main(["tune", *rigs, *FREE, "--runs", "20", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    for word in ("StiffPI `stiff PI`", "worst of 2 scenes", "pi.integral [kN m/rad]", "0.05 .. 20", "severity", "Two inertias, 90 kN"):
+    for word in ("StiffPI `stiff PI`", "worst of 2 scenes", "stiffpi.integral [kN m/rad]", "0.05 .. 20", "severity", "Two inertias, 90 kN"):
         assert word in printed
     assert {path.name for path in out.iterdir()} == {
         "tune.txt",
@@ -65,13 +65,16 @@ def test_two_scenes_become_a_report_a_figure_the_points_and_scenes_with_the_tune
     assert (out / "tune.txt").read_text() in printed and (out / "tune.png").read_bytes().startswith(b"\x89PNG")
     with (out / "trials.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert float(rows[0]["pi.proportional [N m s/rad]"]) == 2e4 and len(rows) <= 20
+    assert float(rows[0]["stiffpi.proportional [N m s/rad]"]) == 2e4 and len(rows) <= 20
     best = min(rows, key=lambda row: float(row["severity"]))
     for weight in (90, 100):
         tuned = Scene.load(out / f"tuned_rig_{weight}.toml")
         assert tuned.labels == ["constant torque", "stiff PI", "stiff PI, tuned"]
         law = tuned.case("stiff PI, tuned").law
-        assert (law.proportional, law.integral) == (float(best["pi.proportional [N m s/rad]"]), float(best["pi.integral [N m/rad]"]))
+        assert (law.proportional, law.integral) == (
+            float(best["stiffpi.proportional [N m s/rad]"]),
+            float(best["stiffpi.integral [N m/rad]"]),
+        )
         assert tuned.run("stiff PI").time_in("bit", "stick", after=30.0) > 1.0  # as given
         assert tuned.run("stiff PI, tuned").time_in("bit", "stick", after=30.0) == 0.0
     assert (out / "scene.toml").read_bytes() == (out / "tuned_rig_90.toml").read_bytes()  # of the first scene
@@ -109,11 +112,11 @@ def test_an_interrupted_tuning_says_how_to_go_on_and_does(rigs, tmp_path, capsys
     [
         (["--controller", "stiff"], "stiff PI"),
         (["--controller", "constant torque"], "has none"),
-        (["--range", "pi.proportonal=1:2"], "did you mean `pi.proportional`"),
-        (["--range", "pi.proportional"], "NAME=LOW:HIGH"),
-        (["--range", "pi.proportional=3:4"], "twice"),
-        (["--range", "pi.highest_torque=1:2 rpm"], "highest_torque"),
-        (["--range", "pi.reference=2:1"], "low < high"),
+        (["--range", "stiffpi.proportonal=1:2"], "did you mean `stiffpi.proportional`"),
+        (["--range", "stiffpi.proportional"], "NAME=LOW:HIGH"),
+        (["--range", "stiffpi.proportional=3:4"], "twice"),
+        (["--range", "stiffpi.highest_torque=1:2 rpm"], "highest_torque"),
+        (["--range", "stiffpi.reference=2:1"], "low < high"),
         (["--objective", "severty"], "severity"),
         (["--runs", "2"], "runs"),
         (["--processes", "0"], "processes"),
@@ -141,7 +144,7 @@ def test_where_no_point_has_an_objective_the_exit_code_is_1(rigs, tmp_path, caps
         "--controller",
         "stiff PI",
         "--range",
-        "pi.proportional=20e3:21e3",
+        "stiffpi.proportional=20e3:21e3",
         "--objective",
         "settling",
         "--runs",

@@ -170,7 +170,7 @@ def sweep_arguments(folder):
 def tune_arguments(folder):
     (folder / "rig.toml").write_text(RIG)
     return [
-        "tune", folder / "rig.toml", "--controller", "stiff PI", "--range", "pi.integral=500:5000", "--objective", "severity", "--runs", "10",
+        "tune", folder / "rig.toml", "--controller", "stiff PI", "--range", "stiffpi.integral=500:5000", "--objective", "severity", "--runs", "10",
         "--checkpoint", folder / "journal", "--out", folder / "out",
     ]  # fmt: skip
 

@@ -413,8 +413,8 @@ def test_super_twisting_on_the_impedance_surface_makes_the_drive_a_matched_end()
     run = simulate(RIG, 40.0, controller=law, sample_time=0.002, start={"chain.speed": (8.0, 8.0), "chain.twist": 17.0},
                    inputs={"bit.weight": sine(97_347.0, 5000.0, 0.3)})  # fmt: skip
     late = run.at(np.arange(20.0, 40.0, 0.05))
-    assert np.abs(late["slidingmode.surface"]).max() < 0.02
-    expected = -law.impedance * (late["top.speed"] - 8.0 + law.surface_gain * late["slidingmode.angle"])
+    assert np.abs(late["impedancesupertwisting.surface"]).max() < 0.02
+    expected = -law.impedance * (late["top.speed"] - 8.0 + law.surface_gain * late["impedancesupertwisting.angle"])
     np.testing.assert_allclose(late["top.load"], expected, atol=0.03 * law.impedance)
     assert np.ptp(late["top.load"]) > 300.0
 

@@ -42,7 +42,7 @@ def test_it_ends_a_stick_slip_that_the_law_inside_does_not_at_every_phase():
     for at in (40.0, 42.0, 44.0, 46.0):
         for name, law in (("alone", z_torque()), ("lifting", Lifting(law=z_torque(), reference=SPEED))):
             run = inside(law, at)
-            assert name == "alone" or (run["lifting.lifts"][-1] <= 1.0 and run["lifting.gave_up"][-1] == 0.0)
+            assert name == "alone" or (run["takeover.lifting.lifts"][-1] <= 1.0 and run["takeover.lifting.gave_up"][-1] == 0.0)
             stuck[name].append(run.time_in("bit", "stick", after=160.0))
     assert stuck["lifting"] == [0.0] * 4
     assert max(stuck["alone"]) > 10.0
@@ -58,7 +58,7 @@ def test_the_price_of_a_recovery(kind, reference):
     assert run["top.speed"].max() < 2.9 * reference
     assert measure.stick_intervals(run, "bit")[-1][1] < 40.0 + 27.0
     assert run.time[lifted][-1] < 40.0 + 70.0
-    assert run["lifting.held"][-1] >= reference * 0.999  # at least twice the set-point calmed it
+    assert run["takeover.lifting.held"][-1] >= reference * 0.999  # at least twice the set-point calmed it
 
 
 def test_the_set_point_rises_and_falls_at_its_rates_to_what_was_asked():
@@ -77,11 +77,11 @@ def test_below_what_it_can_hold_it_gives_up_and_says_so_until_another_set_point_
     asked = inputs.step(reference, 4.5, 1500.0)
     run = simulate(RIG, 1800.0, controller=sampled(both), inputs={"top.reference": asked})
     before = run.time < 1500.0
-    assert (run["lifting.gave_up"][run.time > 440.0][0], run.at(1499.0)["lifting.gave_up"]) == (reference, reference)
+    assert (run["takeover.lifting.gave_up"][run.time > 440.0][0], run.at(1499.0)["takeover.lifting.gave_up"]) == (reference, reference)
     lifted = run["lifting.reference"][before] > 1.1 * reference
     assert np.trapezoid(lifted.astype(float), run.time[before]) < 0.15 * 1500.0
     assert run.time_in("bit", "stick", after=1400.0, until=1500.0) > 5.0
-    assert run["lifting.gave_up"][-1] == 0.0
+    assert run["takeover.lifting.gave_up"][-1] == 0.0
     assert run.time_in("bit", "stick", after=1700.0) == 0.0
 
 
@@ -93,8 +93,8 @@ def test_what_it_lifts_in_vain_and_a_string_that_stands_are_told_after_36_period
     assert run["lifting.lifts"].max() == 0.0 and 36.0 * period < told[0] < 40.0 * period and told[-1] == 300.0
     off = Lifting(law=PI(reference=1.8, **LIMITS), reference=1.8, first_factor=1.3, factor_step=0.25, raise_rate=0.2, weight_relief=0.4)
     run = inside(off, reference=1.8, parameters=None, until=340.0)
-    told, late = run.time[run["lifting.gave_up"] == 1.8], run.time > 300.0
-    assert run["lifting.lifts"].max() > 0.0 and 36.0 * period < told[0] - 40.0 < 45.0 * period
+    told, late = run.time[run["takeover.lifting.gave_up"] == 1.8], run.time > 300.0
+    assert run["takeover.lifting.lifts"].max() > 0.0 and 36.0 * period < told[0] - 40.0 < 45.0 * period
     assert (run["lifting.reference"][late] == 1.8).all()
 
 
@@ -166,7 +166,7 @@ def test_with_weight_as_a_second_actuator_a_smaller_lift_ends_the_stick_slip_and
         tops[name] = run["top.speed"][run.time > 40.0].max() / SPEED
     assert tops["lift and relief"] < 2.0 < tops["lift"]
     times = np.arange(45.0, 239.0, 0.05) + 0.001
-    taken, weight = (run.at(times)[name] for name in ("lifting.relief", "bit.weight"))
+    taken, weight = (run.at(times)[name] for name in ("takeover.lifting.relief", "bit.weight"))
     np.testing.assert_allclose(weight, 97_347.0 * (1.0 - taken), rtol=1e-12)
     assert taken.max() == pytest.approx(0.4, rel=1e-9) and taken[-1] == 0.0
     rates = np.diff(taken) / 0.05

@@ -42,7 +42,20 @@ from controllers import (
 )
 from controllers.observers import Kalman, MovingHorizon
 from models import BitRock, DiscBrake, wells
-from toolbox import Controller, SceneError, closed_loop, compose, limit_cycle, margins, onset, severity_map, simulate, sweep, worst_case
+from toolbox import (
+    Controller,
+    Sampled,
+    SceneError,
+    closed_loop,
+    compose,
+    limit_cycle,
+    margins,
+    onset,
+    severity_map,
+    simulate,
+    sweep,
+    worst_case,
+)
 from toolbox.errors import SimulationError
 from toolbox.modelling import ObserverBasedController, Takeover
 from toolbox.modelling.closing import described
@@ -157,6 +170,19 @@ def test_no_public_law_is_left_out():
     }
     public -= {HeldSpeed}  # a bench for maps: tests/controllers/test_held_speed.py asks it
     assert public == {kind for each in LAWS.values() for kind in kinds(each.law)} & public and len(public) >= 25
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_all_numbers_of_a_controller_begin_with_its_class_in_lowercase(name):
+    """Parameters, sample time, delay, jitter and memory; the inputs and the estimates of a loop are signals, which several controllers share."""
+    loop = LAWS[name].loop
+    own = {*loop.variable_numbers(), *(place for update in loop.system.updates for place in update.places)}
+    own -= {*closed_loop(BRAKE if LAWS[name].brake else RIG).variable_numbers(), *loop.system.inputs}
+    laws = [law.law if isinstance(law, Sampled) else law for law in loop.controllers]
+    words = {getattr(law, "__name__", type(law).__name__).lower() for law in laws}
+    assert {each.partition(".")[0] for each in own if not each.startswith("estimate.")} == words
+    if LAWS[name].period is not None:
+        assert {f"{word}.{clock}" for word in words for clock in ("sample_time", "delay", "jitter", "missed_samples")} <= own
 
 
 @pytest.mark.parametrize("name", LAWS)

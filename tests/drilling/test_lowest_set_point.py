@@ -183,7 +183,7 @@ def test_lifts_are_counted_and_their_price_is_told():
         (LOOP, {"step": -1.0}, "step"),
         (LOOP, {"executor": 2}, "Argument `executor` must be a concurrent.futures.Executor"),
         (LOOP, {"bounds": (5.0, 4.0)}, "bounds"),
-        (LOOP.with_parameters({"pi.proportional": 400.0}), {}, "must be given to the law itself"),
+        (LOOP.with_parameters({"softtorque.proportional": 400.0}), {}, "must be given to the law itself"),
         (closed_loop(compose(BlockOnBelt())), {}, "one sampled law that drives `top.torque`"),
     ],
 )

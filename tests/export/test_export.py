@@ -417,7 +417,7 @@ def test_a_kalman_filter_gives_its_linear_estimates_and_converges_where_a_gain_o
         (SoftTorque(**LIMITS), "torque limits"),
         (SlidingMode(), "linear"),
         (SlidingMode(highest_torque=1e4), "linear"),
-        (IdealSlidingMode(), "slidingmode"),
+        (IdealSlidingMode(), "idealslidingmode"),
         (closed_loop(RIG, InPython(), sample_time=0.1), "Python callable"),
         (SuperTwisting(), "no continuous form"),
         (LQR(), "design"),

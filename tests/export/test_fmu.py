@@ -96,8 +96,8 @@ def test_the_description_names_variables_units_and_start_values(tmp_path):
         "top.torque.held": ("input", {"unit": "N m", "start": "0.0"}),
         "top.reference": ("input", {"unit": "rad/s", "start": "7.25"}),
         "top.torque": ("output", {"unit": "N m"}),
-        "memory.pi.angle": ("local", {"unit": "rad", "start": "0.0"}),
-        "memory.pi.started": ("local", {"unit": "1", "start": "0.0"}),
+        "memory.stiffpi.angle": ("local", {"unit": "rad", "start": "0.0"}),
+        "memory.stiffpi.started": ("local", {"unit": "1", "start": "0.0"}),
         **{
             name: ("parameter", {"unit": unit, "start": repr(value)})
             for name, unit, value in (
@@ -166,7 +166,7 @@ def test_outputs_are_right_after_initialisation_gains_can_be_set_and_what_is_not
     with pytest.raises(Exception, match="fmi2SetReal"):
         unit.setReal([references["top.torque"]], [1.0])
     with pytest.raises(Exception, match="fmi2SetReal"):
-        unit.setReal([references["memory.pi.angle"]], [1.0])
+        unit.setReal([references["memory.softtorque.angle"]], [1.0])
     unit.terminate()
     other = fmpy.fmi2.FMU2Slave(guid="{another}", **kind)
     with pytest.raises(Exception, match="nstantiate"):

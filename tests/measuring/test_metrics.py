@@ -68,7 +68,7 @@ def swept(label, names):
 
 
 def tuned(label, names):
-    number = {"stiff": "pi.integral", "soft": "softtorque.detuning"}[label]
+    number = {"stiff": "stiffpi.integral", "soft": "softtorque.detuning"}[label]
     given = SCENE[label].number(number).value
     found = tune(SCENE, label, names, {number: (0.99 * given, 1.01 * given)}, runs=10)
     return dict(zip(found.objectives, found.before.values[0], strict=True))

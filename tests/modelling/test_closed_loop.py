@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 import toolbox
-from controllers import LQR, PI, LinearMPC, SoftTorque, StiffPI
+from controllers import (
+    LQG,
+    LQR,
+    PI,
+    Lifting,
+    LinearMPC,
+    SoftTorque,
+    StiffPI,
+    SuperTwisting,
+)
 from models import BitRock, BlockOnBelt, wells
 from tests.plants import RIG
 from tests.refusals import refusals
@@ -32,7 +41,7 @@ def test_a_loop_prints_the_gains_that_one_types_into_the_drive():
     assert f"proportional {math.sqrt(k * below):.4g} N m s/rad" in text
     assert f"integral {k / below * top:.4g} N m/rad" in text
     assert "reference 45 rpm" in text and "every 10 ms" in text and "'soft torque'" in text
-    assert "proportional 900 N m s/rad" in str(LOOP.at("pi.proportional", 900.0))
+    assert "proportional 900 N m s/rad" in str(LOOP.at("softtorque.proportional", 900.0))
 
 
 def test_numbers_of_numpy_are_those_of_python_everywhere():
@@ -112,9 +121,10 @@ def test_a_loop_of_a_loop_keeps_what_is_not_given_anew():
 # name, kind, unit, and another value of every kind of number
 KINDS = [
     ("bit.weight", "input", "N", 9e4), ("top.reference", "input", "rad/s", 6.0), ("bit.friction.static", "parameter", "1", 0.7),
-    ("chain.inertia.0", "parameter", "kg m2", 2000.0), ("pi.proportional", "parameter", "N m s/rad", 900.0), ("softtorque.detuning", "design", "1", 2.0),
+    ("chain.inertia.0", "parameter", "kg m2", 2000.0), ("softtorque.proportional", "parameter", "N m s/rad", 900.0),
+    ("softtorque.detuning", "design", "1", 2.0),
     ("softtorque.sample_time", "sample time", "s", 0.02), ("softtorque.delay", "delay", "s", 0.02),
-    ("bit.speed", "start", "rad/s", 3.0), ("pi.angle", "start", "rad", 2.0),
+    ("bit.speed", "start", "rad/s", 3.0), ("softtorque.angle", "start", "rad", 2.0),
 ]  # fmt: skip
 
 
@@ -149,7 +159,7 @@ def test_two_names_of_one_state_may_not_say_different_start_values():
 def test_a_number_that_only_the_design_knows_designs_the_law_anew():
     detuned = LOOP.at("softtorque.detuning", 2.0)
     assert detuned == closed_loop(LOOP, SoftTorque(reference="45 rpm", detuning=2.0), sample_time="10 ms")
-    assert detuned.number("pi.proportional").value == pytest.approx(LOOP.number("pi.proportional").value / 2, rel=1e-14)
+    assert detuned.number("softtorque.proportional").value == pytest.approx(LOOP.number("softtorque.proportional").value / 2, rel=1e-14)
     assert closed_loop(LOOP, parameters={"softtorque.detuning": 2.0}) == detuned
     with pytest.raises(SceneError, match=r"`softtorque.detuning` must be an input or a parameter for `hopf_points`, but only the design"):
         LOOP.differentiable_number("softtorque.detuning", "hopf_points")
@@ -158,7 +168,7 @@ def test_a_number_that_only_the_design_knows_designs_the_law_anew():
 def test_a_sample_time_is_a_number_by_which_the_law_is_sampled():
     """Both the clock and the formulas of the law know it."""
     slower = LOOP.at("softtorque.sample_time", "20 ms")
-    assert slower.assembly.clocks == [Clock(0.02)] and slower.system.parameter("pi.sample_time") == 0.02
+    assert slower.assembly.clocks == [Clock(0.02)] and slower.system.parameter("softtorque.sample_time") == 0.02
     assert (
         slower
         == closed_loop(LOOP, SoftTorque(reference="45 rpm"), sample_time="20 ms")
@@ -237,3 +247,41 @@ def test_several_numbers_are_put_together():
         assert [scaled.number(name).value for name in names] == [factor * LOOP.number(name).value for name in names]
     with pytest.raises(SceneError, match="bit.weight"):
         put_all(LOOP, {"bit.wheight": 5.0})
+
+
+def test_the_name_of_a_controller_is_the_first_word_of_all_its_numbers():
+    loop = closed_loop(RIG, Sampled(SoftTorque(name="top"), 0.01, noise={"top.speed": 0.01}))
+    own = {*loop.variable_numbers()} - {*closed_loop(RIG).variable_numbers(), "top.reference"}
+    words = ("proportional", "detuning", "angle", "sample_time", "delay", "jitter", "missed_samples", "sensors.noise.0")
+    assert {f"top.{word}" for word in words} <= own and {name.partition(".")[0] for name in own} == {"top"}
+
+
+def test_a_field_of_the_declared_controller_keeps_a_name_beside_that_of_the_controller_which_its_design_makes():
+    """`softtorque.reference` is the set-point of the PI where it acts; under `softtorque.design.reference` the controller is designed again."""
+    loop = closed_loop(RIG, SoftTorque(reference="45 rpm", highest_torque=2e4))
+    assert loop.number("softtorque.highest_torque").is_parameter and loop.number("softtorque.design.highest_torque").is_design
+    again = loop.at("softtorque.design.highest_torque", 3e4)
+    assert again == closed_loop(RIG, SoftTorque(reference="45 rpm", highest_torque=3e4))
+    there = loop.at("softtorque.highest_torque", 3e4)
+    assert there != again and there.number("softtorque.highest_torque").value == again.number("softtorque.highest_torque").value == 3e4
+    given = loop.at("top.reference", 5.0)
+    assert given.number("softtorque.reference").overridden == "top.reference"
+
+
+@pytest.mark.parametrize(
+    ("law", "former", "now"),
+    [
+        (SoftTorque(), "pi.proportional", "softtorque.proportional"), (SoftTorque(), "pi.period", "softtorque.sample_time"),
+        (SoftTorque(), "pi.angle", "softtorque.angle"), (SoftTorque(), "pi.sensors.noise.0", "softtorque.sensors.noise.0"),
+        (SoftTorque(), "softtorque.period", "softtorque.sample_time"), (StiffPI(), "pi.integral", "stiffpi.integral"),
+        (SuperTwisting(), "slidingmode.surface_gain", "supertwisting.surface_gain"), (LQG(), "lqr.law.gain.0", "lqg.law.gain.0"),
+        (LQG(), "observer.state.0", "lqg.observer.state.0"), (Lifting(SoftTorque()), "pi.angle", "lifting.pi.angle"),
+        (Lifting(SoftTorque()), "pi.first_factor", "lifting.first_factor"), (proportional, "external.sensors.noise.0", "proportional.sensors.noise.0"),
+    ],
+)  # fmt: skip
+def test_a_former_name_of_a_number_is_refused_with_the_name_now(law, former, now):
+    loop = closed_loop(RIG, Sampled(law, 0.01, noise={"top.speed": 0.01}))
+    loop.number(now)
+    for question in (lambda: loop.number(former), lambda: loop.with_parameters({former: 1.0}), lambda: loop.at(former, 1.0)):
+        with pytest.raises(SceneError, match=f"The number `{former}` is named `{now}` now"):
+            question()

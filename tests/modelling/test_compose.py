@@ -54,6 +54,22 @@ def test_a_plant_of_two_blocks_needs_names_and_has_them_everywhere():
     assert "block.mass" in compose(BlockOnBelt(), BlockOnBelt(name="other")).parameters
 
 
+def test_a_part_gives_no_signal_of_the_name_of_its_field():
+    """Both would be read by one name, in a run, a sweep and an exported model."""
+
+    def holding(self, signal):
+        x = state("x.gain", "1")
+        return Equations(flow={x: -self.gain * x})
+
+    def giving(self, signal):
+        x = state("x.place", "1")
+        return Equations(flow={x: -self.gain * x}, outputs={"x.gain": (x, "1")})
+
+    for make in (holding, giving):
+        with pytest.raises(SceneError, match="The name `x.gain` must stand for one thing, but a field of Part and a signal"):
+            compose(part(make, gain=2.0)())
+
+
 def test_two_equal_parts_move_alike_and_independently():
     plant = compose(BlockOnBelt(name="left"), BlockOnBelt(name="right"))
     alone = simulate(compose(BlockOnBelt()), 30.0, accuracy=1e-9)
@@ -526,7 +542,7 @@ def test_a_law_of_the_user_is_a_law():
 
 def test_a_composed_controller_is_designed_on_the_plant_it_joins():
     plant = compose(wells.JANSEN_2, BitRock(), SoftTorque())
-    assert plant.parameter("pi.proportional") == pytest.approx(math.sqrt(473.0 * 374.0), rel=1e-12)
+    assert plant.parameter("softtorque.proportional") == pytest.approx(math.sqrt(473.0 * 374.0), rel=1e-12)
 
 
 def test_equations_that_decide_in_python_on_a_number_are_refused_with_the_name_of_the_part():

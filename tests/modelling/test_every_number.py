@@ -81,7 +81,7 @@ NUMBERS = [
     Varied(CONTINUOUS, "bit.weight", "input", (9e4, 9.5e4)),
     Varied(CONTINUOUS, "bit.friction.kinetic", "parameter", (0.35, 0.4)),
     Varied(CONTINUOUS, "chain.inertia.0", "parameter", (2000.0, 2100.0)),
-    Varied(CONTINUOUS, "pi.proportional", "parameter", (450.0, 500.0)),
+    Varied(CONTINUOUS, "softtorque.proportional", "parameter", (450.0, 500.0)),
     Varied(CONTINUOUS, "softtorque.detuning", "design", (1.1, 1.2), DESIGN),
     Varied(SHAPED, "top.torque.amplitude", "shape", (400.0, 600.0), SHAPE),
     Varied(SWEPT, "top.torque.end", "shape", (0.3, 0.5), SHAPE),
@@ -91,10 +91,10 @@ NUMBERS = [
     Varied(CONTINUOUS, "bit.speed", "start", (7.0, 9.0), START),
     Varied(SAMPLED, "softtorque.sample_time", "sample time", (0.01, 0.02), CLOCK),
     Varied(SAMPLED, "softtorque.delay", "delay", (0.01, 0.02), CLOCK),
-    Varied(NOISY, "pi.sensors.noise.0", "noise", (0.01, 0.02), NOISE | {"sensitivity": RESOLUTION["sensitivity"]}),
-    Varied(NOISY, "pi.sensors.resolution.0", "resolution", (0.01, 0.02), RESOLUTION),
-    Varied(SAMPLED, "pi.angle", "start", (5.0, 6.0), START),
-    Varied(CONTINUOUS.at("top.reference", 8.0), "pi.reference", "parameter", (7.0, 9.0), OVERRIDDEN),
+    Varied(NOISY, "softtorque.sensors.noise.0", "noise", (0.01, 0.02), NOISE | {"sensitivity": RESOLUTION["sensitivity"]}),
+    Varied(NOISY, "softtorque.sensors.resolution.0", "resolution", (0.01, 0.02), RESOLUTION),
+    Varied(SAMPLED, "softtorque.angle", "start", (5.0, 6.0), START),
+    Varied(CONTINUOUS.at("top.reference", 8.0), "softtorque.reference", "parameter", (7.0, 9.0), OVERRIDDEN),
 ]
 each_number = pytest.mark.parametrize("number", NUMBERS, ids=[f"{each.name}-{k}" for k, each in enumerate(NUMBERS)])
 
@@ -236,8 +236,8 @@ def test_fit_finds_every_number_that_a_run_depends_on(number):
 def test_fit_refuses_what_has_no_effect_and_what_varies_in_time():
     times = np.linspace(0.0, 2.0, 21)
     data = {"time": times, "bit.speed": np.full(21, 8.0)}
-    with pytest.raises(SceneError, match="`pi.reference`"):
-        fit(CONTINUOUS.at("top.reference", 8.0), data, "pi.reference", starts=1)
+    with pytest.raises(SceneError, match="`softtorque.reference`"):
+        fit(CONTINUOUS.at("top.reference", 8.0), data, "softtorque.reference", starts=1)
     with pytest.raises(SceneError, match="`top.torque` varies in time or is measured"):
         fit(SHAPED, data, "top.torque", starts=1)
 
@@ -271,7 +271,7 @@ sample_time = "10 ms"
         "bit.weight",
         "bit.friction.kinetic",
         "chain.inertia.0",
-        "pi.proportional",
+        "softtorque.proportional",
         "softtorque.detuning",
         "softtorque.sample_time",
         "bit.speed",

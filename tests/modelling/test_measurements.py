@@ -193,7 +193,7 @@ def test_a_run_cut_in_two_goes_on_as_the_whole_one_with_the_integral_of_its_driv
     whole = simulate(RIG, 40.0, controller=StiffPI(reference=6.0), accuracy=1e-10)
     rest = simulate(RIG, 20.0, controller=StiffPI(reference=6.0), start=whole.at(20.0), accuracy=1e-10)
     assert whole.time_in("bit", "stick", after=20.0) > 1.0  # it sticks and slips
-    for name in ("bit.speed", "pi.angle"):
+    for name in ("bit.speed", "stiffpi.angle"):
         np.testing.assert_allclose(rest.at(np.linspace(0, 20, 50))[name], whole.at(np.linspace(20, 40, 50))[name], atol=1e-7)
 
 

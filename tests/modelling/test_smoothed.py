@@ -82,14 +82,14 @@ def test_every_law_of_friction_keeps_its_signals():
 def test_a_relay_is_smoothed_to_a_boundary_layer():
     law = IdealSlidingMode(reference=8.0, inertia=2122.0, drag=340.0)  # a drag that is wrong by a fifth, to hold against
     ideal = simulate(RIG, 30.0, controller=law)
-    layers = [simulate(RIG, 30.0, controller=law, method=Smoothing({"slidingmode": w, "bit": 1e-7})) for w in (1e-2, 1e-3)]
-    surface = [np.abs(run["slidingmode.surface"][run.time > 25.0]).max() for run in layers]
-    assert np.abs(ideal["slidingmode.surface"][ideal.time > 25.0]).max() < 1e-12
+    layers = [simulate(RIG, 30.0, controller=law, method=Smoothing({"idealslidingmode": w, "bit": 1e-7})) for w in (1e-2, 1e-3)]
+    surface = [np.abs(run["idealslidingmode.surface"][run.time > 25.0]).max() for run in layers]
+    assert np.abs(ideal["idealslidingmode.surface"][ideal.time > 25.0]).max() < 1e-12
     assert surface[1] < 0.2 * surface[0]
 
 
 def test_elements_that_are_not_named_stay_set_valued():
-    run = simulate(RIG, 10.0, controller=IdealSlidingMode(reference=8.0), method=Smoothing({"slidingmode": 1e-3}))
+    run = simulate(RIG, 10.0, controller=IdealSlidingMode(reference=8.0), method=Smoothing({"idealslidingmode": 1e-3}))
     assert set(np.unique(run.modes["bit"])) <= {"stick", "slip+", "slip-"}
     assert (run["bit.speed"][run.modes["bit"] == "stick"] == 0.0).all()
 

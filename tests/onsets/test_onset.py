@@ -88,7 +88,7 @@ def test_what_the_report_calls_bistable_is_so_in_plain_runs(rig, stiff):
     rest = next(point for point in (stiff.hopf[0].point,))
     assert rest["bit.speed"] == pytest.approx(stiff.hopf[0].value, rel=1e-9)
     twist = (50.0 * 9.95 + 97_347.0 * 0.155575 * (0.5 + 0.3 * math.exp(-0.9 * 9.95))) / 473.0
-    smooth = {"chain.speed": (9.95, 9.95), "chain.twist": twist, "pi.angle": (425.0 * 9.95 + 473.0 * twist) / 2000.0}
+    smooth = {"chain.speed": (9.95, 9.95), "chain.twist": twist, "stiffpi.angle": (425.0 * 9.95 + 473.0 * twist) / 2000.0}
     calm = simulate(rig, 600.0, controller=law, start=smooth | {"chain.speed": (9.95, 9.9)})
     begun = simulate(rig, 600.0, controller=law, start=smooth | {"chain.speed": (9.95, 0.0)})
     assert measure.stick_intervals(calm, "bit") == []

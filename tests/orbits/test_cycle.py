@@ -147,7 +147,7 @@ def test_the_multipliers_of_a_drill_string_agree_with_differences(drilling):
         for sign in (1.0, -1.0):
             x = drilling.start.copy()
             x[i] += sign * 1e-6
-            start = {"chain.twist": x[:1], "chain.speed": x[1:3], "pi.angle": x[3]}
+            start = {"chain.twist": x[:1], "chain.speed": x[1:3], "stiffpi.angle": x[3]}
             arguments = drilling.run.run
             ends.append(simulate(arguments.plant.with_parameters({}), drilling.period, start=start, accuracy=1e-13,
                                  controller=StiffPI(reference=95 * math.pi / 30)).states[-1])  # fmt: skip

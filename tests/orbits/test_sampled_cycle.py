@@ -16,7 +16,7 @@ from tests.plants import RIG
 from toolbox import Controller, Sampled, SceneError, Update, closed_loop, compose, follow, limit_cycle, quantity, simulate, state
 from toolbox.inputs import sine, square, triangle
 
-STATES = ("chain.twist.0", "chain.speed.0", "chain.speed.1", "pi.angle")
+STATES = ("chain.twist.0", "chain.speed.0", "chain.speed.1", "stiffpi.angle")
 
 
 def differences(cycle, law, sample_time, inputs, by=1e-6):
@@ -33,7 +33,7 @@ def differences(cycle, law, sample_time, inputs, by=1e-6):
             run = simulate(
                 RIG,
                 cycle.period,
-                start=dict(zip(STATES, x, strict=True)) | {"pi.started": 1.0},
+                start=dict(zip(STATES, x, strict=True)) | {"stiffpi.started": 1.0},
                 inputs=inputs,
                 controller=law,
                 sample_time=sample_time,

@@ -61,14 +61,22 @@ def test_a_sampled_integrator_has_the_derivatives_of_its_geometric_series():
     np.testing.assert_allclose(slope, -(factor**n) * (x0 - r) + n * h * gain * factor ** (n - 1) * (x0 - r), rtol=1e-12)
 
 
-NAMES = ("pi.proportional", "pi.integral", "pi.reference", "bit.weight", "chain.stiffness.0", "chain.speed.1", "pi.angle")
+NAMES = (
+    "stiffpi.proportional",
+    "stiffpi.integral",
+    "stiffpi.reference",
+    "bit.weight",
+    "chain.stiffness.0",
+    "chain.speed.1",
+    "stiffpi.angle",
+)
 
 
 def drilled(values, *, duration=14.0, period=0.05, **sampled):
     """A run of Jansen's rig under a sampled stiff PI with the given numbers."""
-    law = StiffPI(**{name: values[f"pi.{name}"] for name in ("proportional", "integral", "reference")})
+    law = StiffPI(**{name: values[f"stiffpi.{name}"] for name in ("proportional", "integral", "reference")})
     return simulate(
-        RIG, duration, start={**START, "chain.speed.1": values["chain.speed.1"], "pi.angle": values["pi.angle"]}, accuracy=1e-12,
+        RIG, duration, start={**START, "chain.speed.1": values["chain.speed.1"], "stiffpi.angle": values["stiffpi.angle"]}, accuracy=1e-12,
         parameters={"bit.weight": values["bit.weight"], "chain.stiffness": (values["chain.stiffness.0"],)}, controller=Sampled(law, period, **sampled),
     )  # fmt: skip
 
@@ -90,7 +98,9 @@ def test_derivatives_of_a_drill_string_under_a_sampled_drive_agree_with_differen
 
     for j, name in enumerate(NAMES):
         found = differenced(ends, VALUES, name, by=1e-5)  # a torque of 1e4 N m has a round-off that a smaller step would show
-        mine = np.concatenate([exact.states[-1][:, j], [exact["top.torque"][-1, j], exact["pi.angle"][-1, j]], exact.event_times[:, j]])
+        mine = np.concatenate(
+            [exact.states[-1][:, j], [exact["top.torque"][-1, j], exact["stiffpi.angle"][-1, j]], exact.event_times[:, j]]
+        )
         np.testing.assert_allclose(mine, found, atol=1e-6 * np.abs(found).max(), err_msg=name)
     found = differenced(lambda values: drilled(values, **sampled).time_in("bit", "stick"), VALUES, "bit.weight")
     np.testing.assert_allclose(exact.time_in("bit", "stick")[3], found, rtol=1e-5)
@@ -100,10 +110,15 @@ def test_output_times_between_samples_have_the_derivatives_of_the_same_instants(
     times = np.linspace(0.0, 14.0, 29)
     run = drilled(VALUES)
     some = simulate(
-        RIG, 14.0, start={**START, "pi.angle": 3.0}, controller=Sampled(StiffPI(reference=9.9), 0.05), accuracy=1e-12, output_times=times
+        RIG,
+        14.0,
+        start={**START, "stiffpi.angle": 3.0},
+        controller=Sampled(StiffPI(reference=9.9), 0.05),
+        accuracy=1e-12,
+        output_times=times,
     )
-    exact = sensitivity(some, ("pi.proportional", "bit.weight"))
-    np.testing.assert_allclose(exact["bit.speed"][-1], sensitivity(run, ("pi.proportional", "bit.weight"))["bit.speed"][-1], rtol=1e-9)
+    exact = sensitivity(some, ("stiffpi.proportional", "bit.weight"))
+    np.testing.assert_allclose(exact["bit.speed"][-1], sensitivity(run, ("stiffpi.proportional", "bit.weight"))["bit.speed"][-1], rtol=1e-9)
     found = differenced(lambda values: drilled(values).at(times)["bit.speed"], VALUES, "bit.weight")
     np.testing.assert_allclose(exact["bit.speed"][:, 1], found, atol=1e-6 * np.abs(found).max())
 
@@ -208,9 +223,9 @@ def test_what_has_no_derivative_is_named():
         sensitivity(simulate(RIG, 1.0, controller=coarse), "bit.weight")
     run = simulate(RIG, 1.0, controller=StiffPI(reference=5.0), sample_time=0.1)
     with pytest.raises(SceneError, match="sample time"):
-        sensitivity(run, "pi.sample_time")
-    with pytest.raises(SceneError, match=r"pi\.gain"):
-        sensitivity(run, "pi.gain")
+        sensitivity(run, "stiffpi.sample_time")
+    with pytest.raises(SceneError, match=r"stiffpi\.gain"):
+        sensitivity(run, "stiffpi.gain")
 
 
 GAINS = ("pi.proportional", "pi.integral")
@@ -273,7 +288,7 @@ def test_gains_of_a_sampled_pi_are_tuned_by_the_gradient():
 
 def test_a_continuous_law_and_its_fast_sampled_form_have_nearly_the_same_derivatives():
     law = dataclasses.replace(StiffPI(reference=9.9), proportional=3000.0)
-    names = ("pi.proportional", "bit.weight")
+    names = ("stiffpi.proportional", "bit.weight")
     smooth = sensitivity(simulate(RIG, 6.0, start=START, controller=law, accuracy=1e-10), names)
     fast = sensitivity(simulate(RIG, 6.0, start=START, controller=law, sample_time=0.002, accuracy=1e-10), names)
     np.testing.assert_allclose(fast.end("bit.speed"), smooth.end("bit.speed"), rtol=0.02)

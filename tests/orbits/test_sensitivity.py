@@ -305,8 +305,8 @@ test_wrong_uses_are_refused_in_these_words = refusals(
     (lambda: sensitivity(simulate(BELT, 1.0), "block.mas"), r"block\.mass"),
     (lambda: sensitivity(simulate(compose(wells.JANSEN_2), 1.0), "chain.inertia"), "one number, but it has 2 entries"),
     (lambda: sensitivity(simulate(BELT, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force"), "varies in time"),
-    (lambda: sensitivity(simulate(compose(wells.JANSEN_2), 1.0, controller=StiffPI(), inputs={"top.reference": 8.0}), "pi.reference"),
-     r"`pi\.reference` must have an effect to be varied, but the input `top\.reference` overrides it"),
+    (lambda: sensitivity(simulate(compose(wells.JANSEN_2), 1.0, controller=StiffPI(), inputs={"top.reference": 8.0}), "stiffpi.reference"),
+     r"`stiffpi\.reference` must have an effect to be varied, but the input `top\.reference` overrides it"),
     (lambda: sensitivity(simulate(BELT, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force.at"),
      "a number of a table in time, by which no derivative is computed"),
 )  # fmt: skip
@@ -315,11 +315,11 @@ test_wrong_uses_are_refused_in_these_words = refusals(
 def test_an_input_that_nobody_gives_has_the_derivatives_of_its_default():
     drilled = simulate(RIG, 3.0, controller=StiffPI())
     found = sensitivity(drilled, ("top.reference", "bit.weight")).end("top.speed")
-    assert found[0] == pytest.approx(sensitivity(drilled, "pi.reference").end("top.speed")[0], rel=1e-9) and found[0] > 0.1
+    assert found[0] == pytest.approx(sensitivity(drilled, "stiffpi.reference").end("top.speed")[0], rel=1e-9) and found[0] > 0.1
     given = simulate(RIG, 3.0, controller=StiffPI(), inputs={"bit.weight": drilled.run.loop.number("bit.weight").value})
     assert found[1] == pytest.approx(sensitivity(given, "bit.weight").end("top.speed")[0], rel=1e-9)
     with pytest.raises(SceneError, match=r"the input `top\.reference` overrides it"):
-        sensitivity(drilled, ("top.reference", "pi.reference"))
+        sensitivity(drilled, ("top.reference", "stiffpi.reference"))
 
 
 def test_derivatives_print_themselves_and_refuse_a_peak_at_the_end():

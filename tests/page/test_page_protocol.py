@@ -196,13 +196,13 @@ def test_text_with_a_unit_is_understood_and_what_is_wrong_is_said(page):
     assert run(page, changes={"top.reference": "120 rpm"})["print"] == run(page, changes={"top.reference": 4 * np.pi})["print"]
     assert "`bit.weight` must be >= 0 N" in run(page, changes={"bit.weight": -1.0})["error"]
     assert "`top.reference`" in run(page, changes={"top.reference": "12 bananas"})["error"]
-    assert run(page, "constant torque", {"pi.proportional": 100.0, "bit.weight": 9e4})["lacking"] == ["pi.proportional"]
+    assert run(page, "constant torque", {"stiffpi.proportional": 100.0, "bit.weight": 9e4})["lacking"] == ["stiffpi.proportional"]
 
 
 def test_a_number_that_an_input_takes_the_place_of_is_told_with_the_reason(page):
     found = ask(page, "further", setting={"label": "stiff PI", "changes": {"top.reference": 12.0}})
-    assert "`top.reference` overrides it" in found["without"]["pi.reference"]
-    one, other = ({"top.reference": 12.0, "pi.reference": value} for value in (5.0, 9.0))
+    assert "`top.reference` overrides it" in found["without"]["stiffpi.reference"]
+    one, other = ({"top.reference": 12.0, "stiffpi.reference": value} for value in (5.0, 9.0))
     assert run(page, "stiff PI", one)["print"] == run(page, "stiff PI", other)["print"]
     assert found["inexact"] < 1e-4 and len(found["poles"]) >= 4 and "stable" in found["poles_words"]
 
@@ -259,7 +259,7 @@ def test_a_map_waits_while_numbers_are_turned(page):
 
 
 def test_lines_of_python_and_the_saved_run_are_the_same_run(page, tmp_path, monkeypatch, scene):
-    changes = {"softtorque.sample_time": 0.02, "bit.weight": 8e4, "pi.proportional": "3 kN m s/rad"}
+    changes = {"softtorque.sample_time": 0.02, "bit.weight": 8e4, "stiffpi.proportional": "3 kN m s/rad"}
     setting = {"label": "softer PI, 100 Hz", "changes": changes, "disturbance": "rock"}
     path = tmp_path / "run.npz"
     path.write_bytes(ask(page, "save_run", setting=setting))

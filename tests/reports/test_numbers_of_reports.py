@@ -119,7 +119,8 @@ def gains(path):
     """Proportional and integral gain of a PI law [N m s/rad, N m/rad], from the traces of its run."""
     with np.load(path) as run:
         reference = np.repeat(run["step.top.reference"], run["step.degree"] + 1)  # which changes in no step, and is kept once a step
-        torque, error, angle = run["step.top.torque"], reference - run["step.top.speed"], run["step.pi.angle"]
+        torque, error = run["step.top.torque"], reference - run["step.top.speed"]
+        angle = next(run[name] for name in ("step.stiffpi.angle", "step.softtorque.angle") if name in run)
     return np.linalg.lstsq(np.column_stack([error, angle]), torque, rcond=None)[0]
 
 

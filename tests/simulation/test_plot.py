@@ -142,9 +142,9 @@ def test_by_default_the_inside_of_a_control_law_is_not_shown():
     axes = traces(run)
     assert [ax.get_ylabel() for ax in axes] == ["speed [rad/s]", "torque [kN m]"]
     shown = [name for ax in axes for name in curves(ax)]
-    assert not any(name.startswith("slidingmode") for name in shown) and "top torque" in shown
+    assert not any(name.startswith("idealslidingmode") for name in shown) and "top torque" in shown
     rows = {text.get_text() for text in axes[0].texts}
-    assert {"bit", "slidingmode"} <= rows  # but its mode is
+    assert {"bit", "idealslidingmode"} <= rows  # but its mode is
 
 
 def test_vector_signals_are_drawn_entry_by_entry():

@@ -176,11 +176,11 @@ REFERENCE = 8.0
 def test_the_surface_of_the_drive_is_reached_after_its_distance_over_the_reaching_rate():
     # s' = -eta sgn s whatever the rock does; from rest s = -Om
     run = simulate(RIG, 20.0, controller=IdealSlidingMode(reference=REFERENCE, reaching_rate=2.0), accuracy=1e-10)
-    first = next(event for event in run.events if event.element == "slidingmode")
+    first = next(event for event in run.events if event.element == "idealslidingmode")
     assert (first.before, first.after) == ("slip-", "stick")
     assert first.time == pytest.approx(REFERENCE / 2.0, rel=1e-9)
     before = run.at(np.linspace(0, 3.9, 40))
-    np.testing.assert_allclose(before["slidingmode.surface"], -REFERENCE + 2.0 * before.time, atol=1e-8)
+    np.testing.assert_allclose(before["idealslidingmode.surface"], -REFERENCE + 2.0 * before.time, atol=1e-8)
 
 
 def test_on_the_surface_s_is_zero_to_round_off_through_every_switch_of_the_bit():
@@ -188,20 +188,20 @@ def test_on_the_surface_s_is_zero_to_round_off_through_every_switch_of_the_bit()
     bit = [event for event in run.events if event.element == "bit"]
     assert len(bit) >= 2  # the rock is felt
     late = run.time > 3.0 / 2.0 + 1e-9
-    assert np.all(run.modes["slidingmode"][late] == "stick")
-    size = np.abs(run["top.speed"]).max() + 0.4 * np.abs(run["slidingmode.angle"]).max() + 3.0
-    assert np.abs(run["slidingmode.surface"][late]).max() < 8 * np.finfo(float).eps * size
-    assert len([event for event in run.events if event.element == "slidingmode"]) == 1
+    assert np.all(run.modes["idealslidingmode"][late] == "stick")
+    size = np.abs(run["top.speed"]).max() + 0.4 * np.abs(run["idealslidingmode.angle"]).max() + 3.0
+    assert np.abs(run["idealslidingmode.surface"][late]).max() < 8 * np.finfo(float).eps * size
+    assert len([event for event in run.events if event.element == "idealslidingmode"]) == 1
 
 
 def test_in_sliding_the_force_of_the_relay_is_what_the_equivalent_control_lacks():
     # the law knows the plant exactly, so it lacks nothing; with a drag off by 100 N m s/rad it lacks 100 w_r
     exact = simulate(RIG, 30.0, controller=IdealSlidingMode(reference=REFERENCE), accuracy=1e-9)
     late = exact.at(np.linspace(6, 30, 50))
-    assert np.abs(late["slidingmode.force"]).max() < 1e-8 * np.abs(late["top.torque"]).max()
+    assert np.abs(late["idealslidingmode.force"]).max() < 1e-8 * np.abs(late["top.torque"]).max()
     wrong = simulate(RIG, 30.0, controller=IdealSlidingMode(reference=REFERENCE, drag=325.0, inertia=2122.0), accuracy=1e-9)
     late = wrong.at(np.linspace(6, 30, 50))
-    np.testing.assert_allclose(late["slidingmode.force"], 100.0 * late["top.speed"], rtol=1e-9)
+    np.testing.assert_allclose(late["idealslidingmode.force"], 100.0 * late["top.speed"], rtol=1e-9)
 
 
 def test_a_boundary_layer_tends_to_the_ideal_form_with_its_width():

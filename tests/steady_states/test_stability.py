@@ -121,7 +121,7 @@ def test_a_drive_that_gives_way_moves_the_hopf_point_down():
 
 def test_on_the_ideal_sliding_surface_the_hopf_point_is_found_with_the_relay_in_its_slide():
     point = only(hopf_points(closed_loop(compose(*RIG), IdealSlidingMode()), "top.reference", (2.0, 9.0)))
-    assert point.point.modes == {"bit": "slip+", "slidingmode": "stick"}
+    assert point.point.modes == {"bit": "slip+", "idealslidingmode": "stick"}
     poles = linearise(point.point.plant, point.point).poles()
     np.testing.assert_allclose(sorted(poles[np.abs(poles.imag) > 1e-6].imag), [-point.frequency, point.frequency], rtol=1e-9)
     assert np.abs(poles[np.abs(poles.imag) > 1e-6].real).max() < 1e-9

@@ -41,7 +41,7 @@ def test_sampled_drilling_grows_below_its_hopf_speed_and_dies_above():
             ((v, c) for v, c in zip(branch.values, branch.cycles, strict=True) if side * (v - speed) > 0.2),
             key=lambda pair: abs(pair[0] - speed),
         )
-        start = {"chain.twist": point.start[:1], "chain.speed": point.start[1:3] * (1.0, 1.001), "pi.angle": float(point.memory[0])}
+        start = {"chain.twist": point.start[:1], "chain.speed": point.start[1:3] * (1.0, 1.001), "softtorque.angle": float(point.memory[0])}
         run = simulate(SOFT_10.at(value), 60.0, start=start, accuracy=1e-9)
         away = np.abs(run["bit.speed"] - value)
         grows = away[run.time > 50.0].max() > 3 * away[run.time < 10.0].max()

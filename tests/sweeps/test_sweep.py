@@ -86,7 +86,7 @@ def rubbing():
 CASES = {
     "smooth string": (RIG, "bit.weight", (40e3, 60e3), 40.0, {"controller": PI(reference=14.0)}, "bit.speed", "bit", "stick"),
     "stick-slip": (RIG, "bit.weight", (90e3, 97e3), 60.0, {"controller": StiffPI()}, "bit.speed", "bit", "stick"),
-    "sampled": (RIG, "pi.integral", (1e3, 2e3), 60.0, {"controller": Sampled(StiffPI(), 0.01, 0.02)}, "top.torque", "bit", "stick"),
+    "sampled": (RIG, "stiffpi.integral", (1e3, 2e3), 60.0, {"controller": Sampled(StiffPI(), 0.01, 0.02)}, "top.torque", "bit", "stick"),
     "stiff": (RIG, "bit.weight", (90e3, 97e3), 60.0, {"controller": StiffPI(), "method": "stiff"}, "bit.speed", "bit", "stick"),
     "belt": (compose(BlockOnBelt()), "block.mass", (0.7, 1.3), 60.0, {}, "block.position", "belt", "stick"),
     "forced": (
@@ -300,8 +300,8 @@ def test_designs_that_make_no_sense_are_refused(design, arguments, message):
 
 def test_rows_and_grids_give_the_same_runs():
     asked = {"severity": metrics.severity("bit.speed", 10.0)}
-    over = sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0]}, duration=20.0, metrics=asked)
-    rows = [{"bit.weight": w, "pi.reference": r} for w in (60e3, 97e3) for r in (5.0, 9.0)]
+    over = sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3, 97e3], "stiffpi.reference": [5.0, 9.0]}, duration=20.0, metrics=asked)
+    rows = [{"bit.weight": w, "stiffpi.reference": r} for w in (60e3, 97e3) for r in (5.0, 9.0)]
     alone = sweep(closed_loop(RIG, StiffPI()), rows, duration=20.0, metrics=asked)
     pandas = pytest.importorskip("pandas")
     table = sweep(closed_loop(RIG, StiffPI()), pandas.DataFrame(rows), duration=20.0, metrics=asked)
@@ -312,7 +312,7 @@ def test_rows_and_grids_give_the_same_runs():
 
 
 def test_what_is_saved_comes_back(tmp_path):
-    found = sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0, 12.0]}, duration=10.0)
+    found = sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3, 97e3], "stiffpi.reference": [5.0, 9.0, 12.0]}, duration=10.0)
     for name in ("found.npz", "found.zarr"):
         if name.endswith("zarr"):
             pytest.importorskip("zarr")
@@ -323,14 +323,14 @@ def test_what_is_saved_comes_back(tmp_path):
     xarray = pytest.importorskip("xarray")
     data = found.to_xarray()
     assert isinstance(data, xarray.Dataset)
-    assert data["severity"].dims == ("bit.weight", "pi.reference")
+    assert data["severity"].dims == ("bit.weight", "stiffpi.reference")
     assert data["bit.weight"].attrs["units"] == "N"
-    assert float(data["severity"].sel({"bit.weight": 97e3, "pi.reference": 12.0})) == found["severity"][1, 2]
+    assert float(data["severity"].sel({"bit.weight": 97e3, "stiffpi.reference": 12.0})) == found["severity"][1, 2]
     pytest.importorskip("pandas")
     frame = found.to_pandas()
-    assert frame.attrs["units"] == {"bit.weight": "N", "pi.reference": "rad/s", **found.metric_units}
+    assert frame.attrs["units"] == {"bit.weight": "N", "stiffpi.reference": "rad/s", **found.metric_units}
     for values in frame.to_dict("records"):
-        place = {name: values[name] for name in ("bit.weight", "pi.reference")}
+        place = {name: values[name] for name in ("bit.weight", "stiffpi.reference")}
         assert float(data["severity"].sel(place)) == values["severity"] and values["error"] == ""
     assert len(frame) == found.runs
     with pytest.raises(TypeError, match=r"A Sweep is not one array: take a measure, such as `found\['severity'\]`"):
@@ -649,7 +649,7 @@ def test_a_scene_brings_its_controller_its_window_and_its_inputs():
         ({"bit.weight": [1e3, math.nan]}, "Argument `bit.weight` must be a list of finite numbers"),
         ({"bit.weight": 3.0}, "Argument `bit.weight` must be a list of finite numbers"),
         ({"chain.inertia": [1.0]}, "`chain.inertia` must be one number, but it has 2 entries: name one"),
-        ({"pi.period": [0.01, 0.02]}, "`pi.period` is named `pi.sample_time` now"),
+        ({"stiffpi.period": [0.01, 0.02]}, "`stiffpi.period` is named `stiffpi.sample_time` now"),
         ({}, "must name at least one number"),
         ([{"bit.weight": 1.0}, {"bit.radius": 1.0}], "must be rows that all give numbers to the same names"),
         (3, "Argument `ranges` must map names to values"),
@@ -791,11 +791,11 @@ def test_a_sweep_finds_out_once_that_its_plant_is_stiff_and_steps_all_runs_so(mo
 def test_a_number_goes_by_the_end_of_its_name_where_no_other_ends_so():
     loop = closed_loop(RIG, StiffPI())
     found = sweep(loop, {"proportional": [2e4, 3e4], "weight": ["60 kN"]}, 5.0, metrics="maximum")
-    assert found.names == ("pi.proportional", "bit.weight") and found.display_units["N"] == "kN"
-    whole = sweep(loop, {"pi.proportional": [2e4, 3e4], "bit.weight": [60e3]}, 5.0, metrics="maximum")
+    assert found.names == ("stiffpi.proportional", "bit.weight") and found.display_units["N"] == "kN"
+    whole = sweep(loop, {"stiffpi.proportional": [2e4, 3e4], "bit.weight": [60e3]}, 5.0, metrics="maximum")
     np.testing.assert_array_equal(found["maximum"], whole["maximum"])
-    assert loop.at("proportional", 3e4) == loop.at("pi.proportional", 3e4)
-    with pytest.raises(SceneError, match="`reference` must name one number, but `top.reference`, `pi.reference` end so"):
+    assert loop.at("proportional", 3e4) == loop.at("stiffpi.proportional", 3e4)
+    with pytest.raises(SceneError, match="`reference` must name one number, but `top.reference`, `stiffpi.reference` end so"):
         loop.number("reference")
 
 

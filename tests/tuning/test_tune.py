@@ -182,7 +182,7 @@ def rig(weight=97_347.0):
 
 def test_tuning_frees_the_bit_that_the_stiff_drive_leaves_in_stick_slip_on_every_weight():
     scenes = {f"{weight / 1e3:g} kN": rig(weight) for weight in (90e3, 100e3)}
-    found = tune(scenes, "stiff, 100 Hz", "severity", {"pi.proportional": (500.0, 5e4), "pi.integral": (50.0, 2e4)}, runs=20)
+    found = tune(scenes, "stiff, 100 Hz", "severity", {"stiffpi.proportional": (500.0, 5e4), "stiffpi.integral": (50.0, 2e4)}, runs=20)
     assert all(value > 0.5 for (value,) in found.before.values)  # as given: stick-slip on both
     assert all(value < 0.02 for (value,) in found.best.values)
     law = found.law
@@ -213,8 +213,8 @@ def test_plants_stand_for_scenes_that_are_judged_as_a_scene_file_is():
 
 
 def test_measures_of_the_verdict_are_those_of_the_study_and_may_be_given_as_functions():
-    by_name = tune(rig(), "stiff", ["severity", "peak"], {"pi.proportional": (1e3, 1e5)}, runs=10)
-    by_function = tune(rig(), "stiff", [measure.severity, "peak"], {"pi.proportional": (1e3, 1e5)}, runs=10)
+    by_name = tune(rig(), "stiff", ["severity", "peak"], {"stiffpi.proportional": (1e3, 1e5)}, runs=10)
+    by_function = tune(rig(), "stiff", [measure.severity, "peak"], {"stiffpi.proportional": (1e3, 1e5)}, runs=10)
     assert by_name.trials == by_function.trials and by_name.objectives == by_function.objectives
     run = rig().run("stiff")
     assert by_name.before.values == ((measure.severity(run, "bit.speed", after=40.0), measure.extent(run, "top.torque").maximum),)
@@ -235,9 +235,11 @@ def test_numbers_of_nested_laws_and_of_those_that_design_fills_in_can_be_free():
 
 
 def test_a_number_of_a_designed_law_is_changed_where_it_acts_as_in_a_sweep():
-    law, box = SoftTorque(reference=9.9), {"pi.proportional": (500.0, 2e3)}
+    law, box = SoftTorque(reference=9.9), {"softtorque.proportional": (500.0, 2e3)}
     found = tune(rig(), law, "severity", box, runs=10)
-    swept = sweep(closed_loop(rig()["stiff"], law), {"pi.proportional": [trial.numbers[0] for trial in found.trials]}, metrics="severity")
+    swept = sweep(
+        closed_loop(rig()["stiff"], law), {"softtorque.proportional": [trial.numbers[0] for trial in found.trials]}, metrics="severity"
+    )
     assert [value for ((value,),) in (trial.values for trial in found.trials)] == pytest.approx(
         swept["severity"], rel=1e-5, abs=1e-6
     )  # the accuracy of the runs
@@ -246,17 +248,17 @@ def test_a_number_of_a_designed_law_is_changed_where_it_acts_as_in_a_sweep():
         closed_loop(RIG, law).designed_controllers[0], proportional=best
     )  # a PI with the integral that was designed
     tuned = closed_loop(rig()["stiff"], found.law)
-    assert tuned.number("pi.integral").value == closed_loop(RIG, law).number("pi.integral").value
-    with pytest.raises(SceneError, match="designed otherwise in each scene, as SoftTorque is, but it holds `pi.proportional`"):
+    assert tuned.number("softtorque.integral").value == closed_loop(RIG, law).number("softtorque.integral").value
+    with pytest.raises(SceneError, match="designed otherwise in each scene, as SoftTorque is, but it holds `softtorque.proportional`"):
         others = {"rig": rig(), "longer": dataclasses.replace(rig(), parts=(wells.NAVARRO_LOPEZ_4, BitRock()))}
         tune(others, law, "severity", box, runs=10)
 
 
 def test_another_number_compiles_nothing(monkeypatch):
-    tune(rig(), "stiff", "severity", {"pi.proportional": (1e3, 1e5)}, runs=10)
+    tune(rig(), "stiff", "severity", {"stiffpi.proportional": (1e3, 1e5)}, runs=10)
     monkeypatch.setattr("toolbox.compilation.kernel.compiled_for", lambda *_: pytest.fail("compiled again"))
     monkeypatch.setattr("toolbox.compilation.emitter.object_code", lambda *_: pytest.fail("compiled again"))
-    found = tune(rig(), "stiff", "severity", {"pi.integral": (1e2, 1e4)}, runs=10, seed=4)
+    found = tune(rig(), "stiff", "severity", {"stiffpi.integral": (1e2, 1e4)}, runs=10, seed=4)
     assert len(found.trials) >= 8 and not any(trial.failed for trial in found.trials)
 
 
@@ -293,7 +295,7 @@ class Wish(Controller):
 
 def test_runs_that_fail_and_laws_that_cannot_be_designed_are_infinitely_bad_and_recorded(tmp_path):
     long = scene(Case("escape", Wish()), duration=1.0)
-    found = tune(long, "escape", {"torque": lambda run: -end(run, "top.torque")}, {"wish.growth": (0.5, 20.0)}, runs=60)
+    found = tune(long, "escape", {"torque": lambda run: -end(run, "top.torque")}, {"wish.design.growth": (0.5, 20.0)}, runs=60)
     failed = [trial for trial in found.trials if trial.failed]
     assert failed and all(trial.values == ((math.inf,),) for trial in failed)
     for trial in found.trials:
@@ -304,7 +306,7 @@ def test_runs_that_fail_and_laws_that_cannot_be_designed_are_infinitely_bad_and_
     assert found.law.growth == pytest.approx(math.pi / 2, rel=1e-2)  # the cliff
     assert f"{len(failed)} of the points" in str(found)
     text = found.save(tmp_path / "trials.csv").read_text().splitlines()
-    assert text[0] == "wish.growth [1/s],torque,front,failure" and len(text) == len(found.trials) + 1
+    assert text[0] == "wish.design.growth [1/s],torque,front,failure" and len(text) == len(found.trials) + 1
     assert sum("There is no such law" in line for line in text) > 0
 
 

@@ -25,8 +25,8 @@ def add(commands: Any) -> None:
         description="Search the free numbers of one control law for the smallest objective on all scenes, or for the front of several objectives, and print "
         "the numbers with the law as given beside them. The folder gets the report, a figure, every point tried (csv, npz), and each scene with "
         "the law as given and the tuned one, ready for `stickslip study`; that of the first is scene.toml, too: all of it, or nothing.",
-        epilog="example: stickslip tune studies/scenes/jansen_2.toml --controller 'stiff PI' --range pi.proportional=500:50e3 --range pi.integral=50:20e3 "
-        "--objective settling --out tuned",
+        epilog="example: stickslip tune studies/scenes/jansen_2.toml --controller 'stiff PI' --range stiffpi.proportional=500:50e3 "
+        "--range stiffpi.integral=50:20e3 --objective settling --out tuned",
     )
     tuning.add_argument("scenes", type=Path, nargs="+", metavar="SCENE.toml", help="one scene, or several that the law must do well on")
     tuning.add_argument(

@@ -100,10 +100,10 @@ class Schedule(Told, Result):
     --------
     >>> import numpy as np
     >>> from toolbox.drilling import Schedule
-    >>> table = {"depths": (1500.0, 2500.0), "names": ("pi.proportional",), "units": ("N m s/rad",), "gains": np.array([[486.0], [376.0]])}
+    >>> table = {"depths": (1500.0, 2500.0), "names": ("softtorque.proportional",), "units": ("N m s/rad",), "gains": np.array([[486.0], [376.0]])}
     >>> found = Schedule("soft torque", "100 s", **table, checked=(), display_units={})
     >>> print(found.gains_at("2000 m"))
-    {'pi.proportional': 431.0}
+    {'softtorque.proportional': 431.0}
     """
 
     title: str
@@ -259,7 +259,7 @@ def schedule(
     ...     return compose(string, BitRock(weight="60 kN"))
     >>> found = schedule(well, [1500.0, 2500.0], Sampled(SoftTorque(reference="120 rpm"), "10 ms"), "100 s")
     >>> print(found.names, found.gains.round(0).tolist())
-    ('pi.proportional', 'pi.integral') [[486.0, 3578.0], [376.0, 2147.0]]
+    ('softtorque.proportional', 'softtorque.integral') [[486.0, 3578.0], [376.0, 2147.0]]
     """
     typed = in_si(list(depths), "m", "depths") if not isinstance(depths, str) else depths
     places = numbers("depths", typed, "m", at_least=0)

@@ -410,11 +410,15 @@ def _measures(loop: ClosedLoop, begun: float, after: float) -> dict[str, Any]:
     """{name: measure} of what a run is judged by: from the takeover at `begun` on, or from `after` on."""
     from toolbox.measuring import metrics
 
+    # a controller that holds `Lifting` has its word before these signals
+    lifts, relief = (
+        next((each for each in loop.system.signals if f".{each}".endswith(f".lifting.{word}")), "") for word in ("lifts", "relief")
+    )
     lifting = {
-        "max_lifts": ("lifting.lifts", metrics.maximum("lifting.lifts", begun)),
-        "before": ("lifting.lifts", metrics.minimum("lifting.lifts", after)),
-        "lifted": ("lifting.lifts", metrics.mean("watch.lifted", after)),
-        "max_weight_relief": ("lifting.relief", metrics.mean("lifting.relief", begun)),
+        "max_lifts": (lifts, metrics.maximum(lifts, begun)),
+        "before": (lifts, metrics.minimum(lifts, after)),
+        "lifted": (lifts, metrics.mean("watch.lifted", after)),
+        "max_weight_relief": (relief, metrics.mean(relief, begun)),
     }
     last = {"speed": "bit.speed", "torque": "top.torque", "square": "watch.square", "limited": "watch.limited"}
     return {
@@ -424,7 +428,7 @@ def _measures(loop: ClosedLoop, begun: float, after: float) -> dict[str, Any]:
         "max_bit_speed": metrics.maximum("bit.speed", begun),
         "max_torque": metrics.maximum("top.torque", begun),
         **{name: metrics.mean(of, after) for name, of in last.items()},
-        **{name: each for name, (of, each) in lifting.items() if loop.system.has_signal(of)},
+        **{name: each for name, (of, each) in lifting.items() if of},
     }
 
 
@@ -502,5 +506,7 @@ def _cycle(bare: ClosedLoop, before: Controller, reference: float) -> Cycle:
     release = released[-1] if sticks else 200.0
     point = run.at(release)
     memory = [name for update in loop.system.updates for name in update.places]
-    start = {name: point[name] for name in bare.plant.states} | {f"before.{name}": point[name] for name in memory}
+    start = {name: point[name] for name in bare.plant.states} | {
+        f"takeover.before.{name.partition('.')[2]}": point[name] for name in memory
+    }
     return Cycle(start, float(released[-1] - released[-2]) if sticks else 8.0, float(release), sticks)

@@ -24,7 +24,7 @@ from toolbox.files.units import NumberOrText
 from toolbox.messages import sign_of_life
 from toolbox.modelling.clamps import passing_nan
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
-from toolbox.modelling.components import Slot, check_fields, law_of, numbers_of, rebuilt, symbolic_copy
+from toolbox.modelling.components import Slot, check_fields, first_word, law_of, numbers_of, own_word, rebuilt, remembered, symbolic_copy
 from toolbox.modelling.elements import State, time
 from toolbox.modelling.laws import Controller, Sampled, check_sampled, names
 from toolbox.modelling.observers import Observer
@@ -120,11 +120,15 @@ def opened(law: Any, period: float | None, gains: bool = False) -> OpenLaw:
     if period is None:
         equations = law.continuous(signal)
         if equations.elements:
-            raise SceneError(f"{title} switches by a set-valued element, `{equations.elements[0].name}`, and has no form without it.")
+            element = remembered(equations.elements[0].name, own_word(law, equations.flow), first_word(law))
+            raise SceneError(f"{title} switches by a set-valued element, `{element}`, and has no form without it.")
         memory, gives = equations.flow, equations.outputs
     else:
         update = law.sampled(signal, ca.SX(float(period)))
         memory, gives = update.memory, update.outputs
+    prefix = own_word(law, memory)
+    for variable in memory:
+        variable.label = remembered(variable.label, prefix, first_word(law))
     following = ca.densify(ca.vertcat(*[ca.SX(value) for value in memory.values()])) if memory else ca.SX(0, 1)
     found = {name: (ca.SX(value), unit) for name, (value, unit) in gives.items()}
     reads = dict(sorted(reads.items(), key=lambda item: item[1][2] is not None))  # what is measured, then set-points

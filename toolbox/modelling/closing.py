@@ -15,7 +15,7 @@ from toolbox.modelling.components import Component, checked, numbers_of, structu
 from toolbox.modelling.composition import NEEDED, assembled, numbered
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.law_in_python import LawInPython, holds_python
-from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, check_sampled, designed, names
+from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, check_sampled, designed, law_word, names
 
 
 class Closed(NamedTuple):
@@ -75,7 +75,7 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
             seeds.append(sampled.seed)
         if sampled is None and isinstance(given, Controller) and not isinstance(law, Controller):
             raise SceneError(f"{type(given).__name__} has no continuous form: give `sample_time`.")
-        parts.append(_part(law, sampled, declared))
+        parts.append(_part(law, sampled, declared, law_word(getattr(given, "law", given) if isinstance(given, Sampled) else given)))
         if not isinstance(law, Controller):
             callables.append(law)
     if not parts:
@@ -92,8 +92,8 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
     return Closed(closed, plant, clocks, callables, seeds)
 
 
-def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Component:
-    """The part of the closed system that stands for a designed law."""
+def _part(law: Any, sampled: Sampled | None, declared: HybridSystem, word: str) -> Component:
+    """The part of the closed system that stands for a designed law; word: the first of the names of one in Python."""
     dt = getattr(law, "dt", None)
     if sampled is not None and dt is not None and abs(sampled.period - dt) > 1e-9 * dt:
         raise SceneError(f"Argument `sample_time` must be {dt:g} s, for which the law was designed, but it is {sampled.period:g} s.")
@@ -111,7 +111,7 @@ def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Componen
     if callable(law) and not isinstance(law, type):
         if sampled is None:
             raise SceneError("A callable controller must come with `sample_time`, but there is none.")
-        return callable_law(dataclasses.replace(sampled, law=law), declared)
+        return callable_law(dataclasses.replace(sampled, law=law), declared, word)
     shown = f"the class {law.__name__}: give one of it, `{law.__name__}(...)`" if isinstance(law, type) else f"{law!r}"
     raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {shown}.")
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -116,6 +116,8 @@ class Component(Renamed, Declared):
     HybridSystem(Mass): 1 states (mass.speed); contacts: none; inputs: mass.force [N]
     """
 
+    holds_law: ClassVar[bool] = False
+
     name: str | None = dataclasses.field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -184,9 +186,29 @@ _KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 
 def law_of(part: Component) -> Component:
-    """The law that a part carries, as a sampled one does; any other part itself, whatever it calls `law`."""
-    law = getattr(part, "law", None)
-    return law if isinstance(law, Component) else part
+    """The law for which a part stands, as a sampled one does; any other part itself, whatever it calls `law`."""
+    return law_of(part.law) if getattr(part, "holds_law", False) else part  # type: ignore[attr-defined]
+
+
+def holds_controller(part: Component) -> bool:
+    """Whether a part has a controller as a field."""
+    return any(hasattr(getattr(part, field.name), "actuated_signals") for field in fields_of(type(part)))
+
+
+def own_word(law: Component, memory: Iterable[State]) -> str:
+    """The first word of the labels of a controller's own states, which its word replaces; states of a controller that it holds have other ones."""
+    heads = [variable.label.partition(".")[0] for variable in memory]
+    return heads[0] if heads and not holds_controller(law) else type(law).__name__.lower()
+
+
+def first_word(part: Component) -> str:
+    """The word with which the names of all numbers, states and signals of a controller begin: its `name`, else its class in lowercase."""
+    return part.name or type(law_of(part)).__name__.lower()
+
+
+def remembered(label: str, prefix: str, word: str) -> str:
+    """The name of a state of a controller, whose word stands in place of the prefix of its own states, and before those of a controller that it holds."""
+    return word + label.removeprefix(prefix) if label.partition(".")[0] == prefix else f"{word}.{label}"
 
 
 def fields_of(kind: type) -> tuple[_Field, ...]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import copyreg
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -27,9 +27,12 @@ from toolbox.modelling.components import (
     bounds_checked,
     checked,
     equations_of,
+    first_word,
     governed,
     law_of,
     numbers_of,
+    own_word,
+    remembered,
     structure_of,
     symbolic_copy,
     unit_at,
@@ -38,6 +41,7 @@ from toolbox.modelling.elements import Element, State, time
 from toolbox.modelling.friction_groups import grouped
 from toolbox.modelling.garbage import uncollected
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
+from toolbox.modelling.laws import Controller, External, designed, names
 from toolbox.modelling.switching import check_rates
 from toolbox.modelling.well_posed import check_numbers
 
@@ -64,7 +68,8 @@ def compose(*components: Component) -> HybridSystem:
 
         - No part is given, or a part has a wrong type.
         - A parameter is out of its bounds.
-        - Two parts have the same name, or one signal name has different units.
+        - Two parts have the same name, a field of a part has the name of a signal of the part, or one signal name has
+          different units.
         - A signal without a default is missing.
         - There is an algebraic loop, or an equation contains a NaN.
         - The force of a contact does not act on its slip.
@@ -87,8 +92,6 @@ def compose(*components: Component) -> HybridSystem:
             found = f"a {kind} of them: write `compose(*parts)`" if isinstance(component, (list, tuple)) else found
             raise SceneError(f"Argument `components` must be Component objects, but one is {found}.")
     if any(hasattr(component, "design") for component in components):
-        from toolbox.modelling.laws import designed
-
         plant = [component for component in components if not hasattr(component, "design")]
         if not plant:
             raise SceneError("A controller needs a plant to act on, but `compose` got controllers only.")
@@ -194,34 +197,44 @@ class _Composer:
 
         equations = equations_of(symbolic, signal, title)
         memory = equations.update.memory if equations.update is not None else equations.flow
-        first = next(iter(memory), None)
-        label = first.label if first is not None else next(iter(equations.outputs), "")
-        if first is None and hasattr(law, "actuated_signals"):  # what a control law gives belongs to the plant
-            label = type(law).__name__.lower()
-        prefix = label.partition(".")[0] or title.lower()
-        own = component.name or prefix
-        routes = self.routes if hasattr(law, "actuated_signals") else {}
+        shared: set[str] = set()  # first words of signals of the plant, which keep them
+        routes: Mapping[str, str] = {}
+        if isinstance(law, (Controller, External)):
+            routes, prefix, own = self.routes, own_word(law, memory), first_word(component)
+            shared = {name.partition(".")[0] for name in (*names(law.actuated_signals), *names(law.measured_signals))}
+        else:
+            first = next((variable.label for variable in memory), next(iter(equations.outputs), ""))
+            prefix = first.partition(".")[0] or title.lower()
+            own = component.name or prefix
 
         def renamed(name: str) -> str:
-            if name in routes:  # also where the law's own states begin with the same word, as `brake.last_force` and `brake.force` do
+            if name in routes:
                 return routes[name]
             head, dot, tail = name.partition(".")
-            return own + dot + tail if head == prefix else name
+            return own + dot + tail if head == prefix and head not in shared else name
+
+        def name_of(variable: State) -> str:
+            return remembered(variable.label, prefix, own) if isinstance(law, (Controller, External)) else renamed(variable.label)
 
         originals = [twin for element in equations.elements for twin in (element, *element.companions)]
         elements = self._add_elements(component, originals, own, renamed)
         self._check_regular(title, equations)
         for slot in slots:
             users = [e for e, original in zip(elements, originals, strict=True) if governed(original.law, slot.owner)]
-            self._add_parameter(own, slot, users if slot.owner is not symbolic else [])
+            path = slot.field_path.removeprefix("law." if component.holds_law or not hasattr(component, "actuated_signals") else "")
+            self._add_parameter(f"{own}.{path}", slot, users if slot.owner is not symbolic else [])
         for (name, unit), (default, placeholder) in needs.items():
             self._need(renamed(name), unit, default, placeholder, title)
         for variable, derivative in equations.flow.items():
-            self._add_state(renamed(variable.label), variable, derivative, variable.unit)
+            self._add_state(name_of(variable), variable, derivative, variable.unit)
         for name, (expression, unit) in equations.outputs.items():
             self._give(renamed(name), ca.SX(expression), unit)
+        fields = {f"{own}.{slot.field_path}" for slot in slots}
+        for name in map(renamed, [*equations.outputs, *(variable.label for variable in equations.flow)]):
+            if name in fields:
+                raise SceneError(f"The name `{name}` must stand for one thing, but a field of {title} and a signal that it gives have it.")
         if equations.update is not None:
-            self._add_update(equations.update, renamed)
+            self._add_update(equations.update, renamed, name_of)
         if equations.stored is not None:
             self.stored[own] = ca.SX(equations.stored)
         self.losses |= {f"{own}.{name}": ca.SX(power) for name, power in equations.losses.items()}
@@ -267,13 +280,13 @@ class _Composer:
         self.flow.append(derivative)
         self._give(name, ca.SX(variable), unit)
 
-    def _add_update(self, update: Update, renamed: Callable[[str], str]) -> None:
+    def _add_update(self, update: Update, renamed: Callable[[str], str], name_of: Callable[[State], str]) -> None:
         """What a sampled law holds and remembers between its samples."""
         outputs = {renamed(name): value for name, value in update.outputs.items()}
         places: dict[str, tuple[int, int | None]] = {}
         first_held = sum(symbol.numel() for symbol in self.held)
         for variable in update.memory:
-            name = renamed(variable.label)
+            name = name_of(variable)
             if name in self.given or name in places:
                 raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
             places[name] = (sum(count_of(size) for _, size in places.values()), variable.length)
@@ -299,9 +312,9 @@ class _Composer:
             if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
                 raise SceneError(f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`.")
 
-    def _add_parameter(self, own: str, slot: Slot, users: Sequence[Element]) -> None:
+    def _add_parameter(self, path: str, slot: Slot, users: Sequence[Element]) -> None:
         """A number of a part, or of a friction law that these elements use."""
-        path, unit = f"{own}.{slot.field_path.removeprefix('law.')}", slot.spec.metadata.get("unit", "1")
+        unit = slot.spec.metadata.get("unit", "1")
         if len(users) == 1:
             path = f"{users[0].name}.{slot.field_path}"
         if users:

@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import casadi as ca
 
 from toolbox.arguments import count_of
-from toolbox.modelling.components import fields_of, is_nested
+from toolbox.modelling.components import fields_of, first_word, is_nested
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
+
+DECLARED = "design"
+"""Second word of a declared number that only the design knows, while another number of its name acts in the law of another class that the design made."""
 
 Loop = Any
 """A `ClosedLoop`, which is made of numbers and therefore stands above this file."""
 
 
-def acts(loop: Loop, name: str) -> bool:
-    """Whether a parameter of the closed system enters its motion, or the default of an input that is not given."""
+def acts(loop: Loop, name: str, if_given: bool = False) -> bool:
+    """Whether a parameter of the closed system enters its motion, or the default of an input that is not given; if_given: or of any input."""
     system = loop.system
-    entry, more = system._parameter(name), [each.default for name, each in system.inputs.items() if name not in loop.input_values]
+    free = [each.default for name, each in system.inputs.items() if if_given or name not in loop.input_values]
+    entry = system._parameter(name)
     symbol = system.p[entry.offset : entry.offset + count_of(entry.size)]
 
-    return bool(ca.depends_on(motion_of(system), symbol) or (more and ca.depends_on(ca.vertcat(*more), symbol)))
+    return bool(ca.depends_on(motion_of(system), symbol) or (free and ca.depends_on(ca.vertcat(*free), symbol)))
 
 
 def motion_of(system: HybridSystem) -> ca.SX:
@@ -36,6 +40,11 @@ def motion_of(system: HybridSystem) -> ca.SX:
         return ca.vertcat(system.flow, *(ca.vec(ca.SX(each)) for each in (*of_elements, *of_laws)))
 
     return ca.SX(system.once("motion", motion))
+
+
+def controller_word(loop: Loop, index: int) -> str:
+    """The first word of the names of all numbers of a controller of a loop."""
+    return first_word(loop.system.parts[len(loop.system.parts) - len(loop.controllers) + index])
 
 
 def design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
@@ -51,11 +60,14 @@ def _found_design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str,
     law = given.law if isinstance(given, Sampled) else given
     if not isinstance(law, Controller) or type(law).design is Controller.design:
         return {}
-    prefix = law.name or type(law).__name__.lower()
     fields: dict[str, tuple[Mapping[str, Any], float]] = {}
-    _collect(law, f"{prefix}.", fields)
-    system = loop.system
-    return {name: entry for name, entry in fields.items() if not (system.has_parameter(name) and acts(loop, name))}
+    for path, (spec, value, remade) in _collected(law, loop.designed_controllers[index], ""):
+        name = f"{controller_word(loop, index)}{path}"
+        if not (loop.system.has_parameter(name) and acts(loop, name, remade)):
+            fields[name] = (spec, value)
+        elif remade:
+            fields[f"{controller_word(loop, index)}.{DECLARED}{path}"] = (spec, value)
+    return fields
 
 
 def designed_law(loop: Loop, name: str) -> int | None:
@@ -63,15 +75,17 @@ def designed_law(loop: Loop, name: str) -> int | None:
     return next((index for index in range(len(loop.controllers)) if name in design_fields(loop, index)), None)
 
 
-def _collect(node: Any, path: str, found: dict[str, tuple[Mapping[str, Any], float]]) -> None:
+def _collected(node: Any, made: Any, path: str) -> Iterator[tuple[str, tuple[Mapping[str, Any], float, bool]]]:
+    """(path, (declaration, value, whether the design made a law of another class)) of every number that a declared law holds."""
+    remade = type(node) is not type(made)
     for each in fields_of(type(node)):
-        value = getattr(node, each.name)
+        value, here = getattr(node, each.name), f"{path}.{each.name}"
         if is_nested(value):
-            _collect(value, f"{path}{each.name}.", found)
+            yield from _collected(value, getattr(made, each.name, None), here)
         elif each.numeric and isinstance(value, tuple):
-            found |= {f"{path}{each.name}.{i}": (each.spec.metadata, number) for i, number in enumerate(value)}
+            yield from ((f"{here}.{i}", (each.spec.metadata, number, remade)) for i, number in enumerate(value))
         elif each.numeric and isinstance(value, (int, float)):
-            found[f"{path}{each.name}"] = (each.spec.metadata, value)
+            yield here, (each.spec.metadata, value, remade)
 
 
 def redesigned(loop: Loop, name: str, value: float) -> Loop:
@@ -79,7 +93,8 @@ def redesigned(loop: Loop, name: str, value: float) -> Loop:
     index = designed_law(loop, name)
     assert index is not None
     given = loop.controllers[index]
-    law = with_field(given.law if isinstance(given, Sampled) else given, name.split(".")[1:], value)
+    path = name.removeprefix(f"{controller_word(loop, index)}.").removeprefix(f"{DECLARED}.").split(".")
+    law = with_field(given.law if isinstance(given, Sampled) else given, path, value)
     return loop.replace(controllers=(*loop.controllers[:index], as_sampled(given, law), *loop.controllers[index + 1 :]))
 
 

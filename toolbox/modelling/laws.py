@@ -25,7 +25,7 @@ from toolbox.arguments import finite_array, number, refuse, whole
 from toolbox.errors import ControllerError, SceneError, suggest
 from toolbox.files.units import in_si, warn_unusual
 from toolbox.modelling.clocks import Clock
-from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
+from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields, own_word
 from toolbox.modelling.drive import drive_of
 from toolbox.modelling.elements import OptionalQuantities, Quantity, State, quantity, time
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -47,6 +47,10 @@ class Controller(Component):
     The toolbox calls the method `design(plant)` once, with the parameter values of the plant. The method returns the
     controller that acts in the loop: a `Controller`, or a callable (t, y) -> u (time, measured signals -> outputs) if
     the controller cannot be written as a casadi expression.
+
+    The names of all numbers and states of a controller begin with its `name`, or else with its class in lowercase:
+    the field `gain` of the class `MyController` is `mycontroller.gain`. In the names of its states this word replaces
+    the first word: `state("any.angle", "rad")` is `mycontroller.angle`.
 
     Examples
     --------
@@ -219,7 +223,15 @@ def designed(law: Any, plant: HybridSystem) -> Any:
         raise SceneError(f"{type(law).__name__} cannot be designed on this plant with these numbers: {error}") from error
     if not callable(made) and not isinstance(made, Controller):
         raise SceneError(f"`{type(law).__name__}.design` must return a control law, but it returned {made!r}.")
+    if isinstance(made, Controller) and made.name is None and type(made) is not type(law):
+        return dataclasses.replace(made, name=law_word(law))
     return made
+
+
+def law_word(law: Any) -> str:
+    """The first word of all names of a declared law, as `first_word` reads it from its part; of a function its own name."""
+    named = getattr(law, "name", None)
+    return named if isinstance(law, Controller) and named else getattr(law, "__name__", type(law).__name__).strip("<>").lower()
 
 
 @dataclass(frozen=True)
@@ -416,6 +428,8 @@ class Sampled(Renamed):
 class ZeroOrderHold(Component):
     """A sampled law as a part of the plant: it reads the signals through its sensors, and its outputs are held signals."""
 
+    holds_law: ClassVar[bool] = True
+
     law: Controller = field(default_factory=Controller)
     sensors: Sensors = field(default_factory=Sensors)
     sample_time: Any = quantity(0.01, "s", "sample time", above=0)
@@ -518,8 +532,8 @@ def names(value: str | Sequence[str]) -> tuple[str, ...]:
     return listed
 
 
-def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
-    """The part that stands for a Python callable; raises SceneError where its signals are unknown."""
+def callable_law(sampled: Sampled, plant: HybridSystem, word: str) -> External:
+    """The part that stands for a Python callable, word: the first of its names; raises SceneError where its signals are unknown."""
     law = sampled.law
     former = next((word for word in ("measures", "drives") if hasattr(law, word) and not isinstance(law, Renamed)), None)
     if former is not None:
@@ -558,6 +572,7 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         wanted=tuple(unit for _, unit in more.values()),
         defaults=tuple(float(value) for value, _ in more.values()) or None,
         sensors=sampled.sensors(asked),
+        name=word,
     )
 
 
@@ -587,7 +602,7 @@ class Takeover(Controller):
 
     Until the takeover the memory of `after` (its states, such as an integral) keeps its start values. After the
     takeover the memory of `before` stays constant. A run records the memory of `before` under the names
-    `before.<name>`. Signals that only one of the two controllers gives are recorded during the whole run. A takeover
+    `takeover.before.<name>`. Signals that only one of the two controllers gives are recorded during the whole run. A takeover
     has no continuous form.
 
     The design of some controllers, such as the predictive controllers, is a Python callable. If `before` or `after` is
@@ -647,8 +662,9 @@ class Takeover(Controller):
                 f"The second law of a takeover must drive what the first one does, but they drive {driven[0]} and {driven[1]}."
             )
         first, second = self.before.sampled(signal, period), self.after.sampled(signal, period)
+        own = own_word(self.before, first.memory)
         for variable in first.memory:
-            variable.label = f"before.{variable.label}"
+            variable.label = f"before.{variable.label.removeprefix(f'{own}.')}"
         now = time >= self.at
         memory = {variable: ca.if_else(now, value, variable) for variable, value in second.memory.items()}
         memory |= {variable: ca.if_else(now, variable, value) for variable, value in first.memory.items()}

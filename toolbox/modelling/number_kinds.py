@@ -12,10 +12,11 @@ from typing import Any, ClassVar
 
 from toolbox.arguments import refuse
 from toolbox.errors import SceneError
+from toolbox.former_names import FORMER_FIRST_WORDS
 from toolbox.modelling import inputs as shapes
 from toolbox.modelling.clocks import Clock
 from toolbox.modelling.components import numbers_of
-from toolbox.modelling.design_fields import redesigned
+from toolbox.modelling.design_fields import controller_word, redesigned
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, ZeroOrderHold, check_sampled
 from toolbox.modelling.start import row_of
@@ -325,16 +326,9 @@ def clock_prefixes(loop: Loop) -> dict[str, int]:
         known = {}
         for index, law in enumerate(loop.controllers):
             if isinstance(law, Sampled):
-                known.setdefault(_prefix(loop, index), index)
+                known.setdefault(controller_word(loop, index), index)
         loop.__dict__["clock_prefixes"] = known
     return known
-
-
-def _prefix(loop: Loop, index: int) -> str:
-    law = loop.controllers[index].law
-    if isinstance(law, Controller) and type(law).design is Controller.design and (path := clock_path(loop, index)) is not None:
-        return path.rpartition(".")[0]
-    return getattr(law, "name", None) or getattr(law, "__name__", type(law).__name__).lower()
 
 
 def sampled_owner(loop: Loop, name: str) -> int:
@@ -352,15 +346,32 @@ def clock_value(loop: Loop, name: str) -> tuple[ClockKind, float] | None:
 
 
 def former_name(loop: Loop, name: str) -> str | None:
-    """The name now of a number that had another name; None for a name that never was one."""
-    head, _, word = name.rpartition(".")
-    if word not in ("period", "sample_time"):
+    """The name now of a number that had another name; None for a name that never was one.
+
+    Numbers of one controller began with several words: its class, the class of the controller that its design made, and the words of its memory.
+    """
+    if not loop.controllers or name in (known := loop.variable_numbers()):
         return None
-    for prefix, index in clock_prefixes(loop).items():
-        path, now = clock_path(loop, index), f"{prefix}.sample_time"
-        if path is not None and head in (prefix, path.rpartition(".")[0]) and name != now:
-            return now
+    head, _, rest = name.partition(".")
+    rest = "sample_time" if rest == "period" else rest
+    for index in range(len(loop.controllers)):
+        word = controller_word(loop, index)
+        if head in _former_words(loop, index) | {word}:
+            now = next((each for each in (f"{word}.{rest}", f"{word}.{head}.{rest}", f"{word}.law.{rest}") if each in known), None)
+            if now is not None:
+                return now
     return None
+
+
+def _former_words(loop: Loop, index: int) -> set[str]:
+    """First words that names of numbers of a controller had."""
+    given, words = loop.controllers[index], set(FORMER_FIRST_WORDS)
+    laws = [given.law if isinstance(given, Sampled) else given, loop.designed_controllers[index]]
+    for law in laws:
+        if isinstance(law, Controller):
+            words |= {kind.__name__.lower() for kind in type(law).__mro__}
+            laws += [getattr(law, each.name) for each in dataclasses.fields(law)]
+    return words
 
 
 def noise_or_resolution(name: str) -> NumberKind:

@@ -1,17 +1,17 @@
 """Every number of a closed loop that can be varied: one name for each, known to every verb.
 
     input        a signal that nobody gives, held constant                       top.torque, top.reference
-    parameter    a number of a part or of a law, where it acts                   bit.weight, chain.inertia.0, pi.proportional
+    parameter    a number of a part or of a law, where it acts                   bit.weight, chain.inertia.0, softtorque.proportional
     design       a field of a law that only its design knows                     softtorque.detuning
     shape        a number of the shape that an input has                         top.torque.amplitude
     node         a time or a value of the table that an input has                top.torque.values.2
-    sample time  the sample time of a controller                                 pi.sample_time
-    delay        the time from a sample until its outputs take effect            pi.delay
-    jitter       the largest lateness of a sample                                pi.jitter
-    missed       the probability that a sample is missed                         pi.missed_samples
-    noise        the standard deviation of the noise of a sensor                 pi.sensors.noise.0
-    resolution   the step of an encoder                                          pi.sensors.resolution.0
-    start        the start value of a state, or of what a sampled law remembers  bit.speed, pi.angle
+    sample time  the sample time of a controller                                 softtorque.sample_time
+    delay        the time from a sample until its outputs take effect            softtorque.delay
+    jitter       the largest lateness of a sample                                softtorque.jitter
+    missed       the probability that a sample is missed                         softtorque.missed_samples
+    noise        the standard deviation of the noise of a sensor                 softtorque.sensors.noise.0
+    resolution   the step of an encoder                                          softtorque.sensors.resolution.0
+    start        the start value of a state, or of what a sampled law remembers  bit.speed, softtorque.angle
 
 An input and a parameter of one name are one number: the input, whose default the parameter is.
 """
@@ -209,7 +209,7 @@ def number_of(loop: Loop, name: str) -> Number | None:
         return Number(name, clock_kind.unit, clock_kind, value, clock_kind.meaning, clock_kind.bounds)
     if system.has_parameter(name):
         entry = system._parameter(name)
-        if entry.size is not None or kinds.former_name(loop, name) is not None:
+        if entry.size is not None:
             return None
         kind, value = kinds.noise_or_resolution(name), float(system.parameter(name))
         return Number(name, entry.unit, kind, value, entry.meaning, entry.bounds, _usual(system, name), overridden(loop, name))

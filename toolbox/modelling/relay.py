@@ -23,7 +23,7 @@ class Relay(Element):
     surface passes through zero, and never slides.
 
     The example does not write a relay. It uses the controller `IdealSlidingMode`, which contains a relay with the name
-    `slidingmode`.
+    `idealslidingmode`.
 
     Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992.
 
@@ -33,7 +33,7 @@ class Relay(Element):
     >>> from models import BitRock, wells
     >>> from toolbox import compose, simulate
     >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="60 kN")), "60 s", controller=IdealSlidingMode(reference="60 rpm"))
-    >>> print(f"on the surface for {run.time_in('slidingmode', 'stick', after=30.0):.1f} s of the last 30 s")
+    >>> print(f"on the surface for {run.time_in('idealslidingmode', 'stick', after=30.0):.1f} s of the last 30 s")
     on the surface for 30.0 s of the last 30 s
     """
 

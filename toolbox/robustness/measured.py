@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Equations, Signal, Update
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import Controller, Sampled, designed
+from toolbox.modelling.laws import Controller, Sampled, designed, law_word
 from toolbox.scenes.judged import judged_speed
 from toolbox.simulation.budget import Budget
 from toolbox.simulation.methods import EventExact
@@ -67,6 +67,8 @@ class MeasuredMargins:
 class Amplified(Controller):
     """A law whose commands are multiplied by a factor on their way to the plant. The law does not know the factor."""
 
+    holds_law: ClassVar[bool] = True
+
     law: Controller = dataclasses.field(default_factory=Controller)
     factor: Quantity = quantity(1.0, "1", "factor of the commands")
 
@@ -108,7 +110,7 @@ def with_gain(law: Any, factor: float) -> Any:
     """A law, `Sampled` or not, with its commands multiplied by a factor."""
     if isinstance(law, Sampled):
         return dataclasses.replace(law, law=with_gain(law.law, factor))
-    return Amplified(law, factor) if isinstance(law, Controller) else AmplifiedCallable(law, factor)
+    return Amplified(law, factor, name=law_word(law)) if isinstance(law, Controller) else AmplifiedCallable(law, factor)
 
 
 def with_delay(law: Any, delay: float) -> Any:

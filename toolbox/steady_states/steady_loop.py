@@ -14,7 +14,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -63,13 +63,15 @@ class SteadyLoop:
 # -------------------------------------------------------------------------------------------------------------------------------- continuous laws
 @dataclass(frozen=True)
 class Broken(Controller):
-    """A continuous law whose commands do not reach the plant: they are given as `broken.<signal>`."""
+    """A continuous law whose commands do not reach the plant: they are given as `opened.<signal>`."""
+
+    holds_law: ClassVar[bool] = True
 
     law: Controller = dataclasses.field(default_factory=Controller)
 
     def continuous(self, signal: Signal) -> Equations:
         equations = self.law.continuous(signal)
-        given = {f"broken.{name}" if name in self.law.actuated_signals else name: value for name, value in equations.outputs.items()}
+        given = {f"opened.{name}" if name in self.law.actuated_signals else name: value for name, value in equations.outputs.items()}
         return dataclasses.replace(equations, outputs=given)
 
 
@@ -84,7 +86,7 @@ def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> Steady
             raise NoDerivative(f"`{element.name}` of the law switches")
     flow, modes = residual_functions(closed)[0], mode_numbers(closed, point.modes)
     checked_smooth(lambda x: np.array(flow(0.0, x, point.inputs, closed.values, modes)[0]).ravel(), _slope(closed, point), point.states)
-    broken = dataclasses.replace(loop, controllers=tuple(Broken(law) for law in loop.designed_controllers))
+    broken = dataclasses.replace(loop, controllers=tuple(Broken(law, name=law.name) for law in loop.designed_controllers))
     drives = tuple(name for law in loop.designed_controllers for name in law.actuated_signals)
     commands = {plant.redirected_signals.get(name, name): float(point[plant.redirected_signals.get(name, name)]) for name in drives}
     state = {name: point[name] for name in closed.states}
@@ -92,7 +94,7 @@ def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> Steady
     linear = linearise(
         broken, {**state, **{n: v for n, v in commands.items() if n in system.inputs}, **dict(inputs)},
         mode={name: word for name, word in point.modes.items() if name in own},
-        inputs=tuple(commands), outputs=tuple(f"broken.{name}" for name in drives),
+        inputs=tuple(commands), outputs=tuple(f"opened.{name}" for name in drives),
     )  # fmt: skip
     opened = LinearLoop(linear.A, linear.B, linear.C, linear.D, tuple(commands))
     acts(opened)

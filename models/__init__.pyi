@@ -53,6 +53,8 @@ from .friction import StepFriction as StepFriction
 from .friction import Tabulated as Tabulated
 from .friction import TwoWay as TwoWay
 from .friction import Viscous as Viscous
+from .friction_calibration import FrictionCalibration as FrictionCalibration
+from .friction_calibration import calibrate_friction as calibrate_friction
 from .gear_stage import GearStage as GearStage
 from .gears import GearNetwork as GearNetwork
 from .hand_arm import HandArm as HandArm
@@ -81,6 +83,8 @@ from .torque_and_drag import TorqueDrag as TorqueDrag
 from .torque_and_drag import TorqueDragOperations as TorqueDragOperations
 from .torque_and_drag import torque_drag as torque_drag
 from .torque_and_drag import torque_drag_operations as torque_drag_operations
+from .torque_drag_effects import TorqueDragEffects as TorqueDragEffects
+from .torque_drag_effects import torque_drag_effects as torque_drag_effects
 from .torsional_pendulum import TorsionalPendulum as TorsionalPendulum
 from .valve_spool import ValveSpool as ValveSpool
 from .wall_friction import StringOnWall as StringOnWall

@@ -10,12 +10,14 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from models.drill_string import TorsionalChain
+from models.friction_calibration import FrictionCalibration, calibrate_friction
 from models.friction_factors import FrictionFactors
 from models.lumping import MOST, Lumping
 from models.sections import Section, sections_of
 from models.soft_string import side_force
 from models.survey import Survey, hole_of
 from models.torque_and_drag import TorqueDragOperations, torque_drag_operations
+from models.torque_drag_effects import TorqueDragEffects, torque_drag_effects
 from toolbox import FrictionLaw, SceneError, quantity
 from toolbox.authoring import NumberOrText, entries, number, whole
 from toolbox.modelling import OptionalQuantities
@@ -198,8 +200,12 @@ class DrillString(TorsionalChain):
             **fields,
         )
 
-    torque_drag_result: ClassVar[type] = TorqueDragOperations
-    """Class of the result of `torque_and_drag`."""
+    torque_drag_results: ClassVar[Mapping[str, type]] = {
+        "friction_factors": FrictionCalibration,
+        "torquedrag": TorqueDragOperations,
+        "effects": TorqueDragEffects,
+    }
+    """{name of a result of `stickslip torquedrag`: its class}."""
 
     @staticmethod
     def torque_and_drag(tables: Mapping[str, Any], **changes: Any) -> TorqueDragOperations:
@@ -223,18 +229,81 @@ class DrillString(TorsionalChain):
         SceneError
             If there is no survey, no friction, or an argument is out of range.
         """
-        if tables.get("survey") is None:
-            raise SceneError("Argument `survey` must be given with `sections`, because side forces follow from the path of the hole.")
-        pipes = sections_of(tables["sections"])
-        if tables.get("end_depth") is not None:
-            pipes = _ending_at(pipes, tables["end_depth"])
-        friction = tables.get("friction_factors") or getattr(tables.get("friction"), "kinetic", None)
-        if "friction" not in changes and friction is None:
-            raise SceneError("Argument `friction` must be given: a law with a kinetic coefficient, or friction factors.")
-        known = {name: tables[name] for name in ("mud_density", "weight_on_bit") if name in tables}
-        return torque_drag_operations(
-            pipes, hole_of(tables["survey"], sum(each.length for each in pipes)), **{"friction": friction, **known, **changes}
-        )
+        pipes, hole, known = _in_hole(tables, "friction" in changes)
+        return torque_drag_operations(pipes, hole, **{**known, **changes})
+
+    @staticmethod
+    def torque_and_drag_effects(tables: Mapping[str, Any], **changes: Any) -> TorqueDragEffects:
+        """Compute how much each number of a string from tables changes hook load and torque.
+
+        Parameters
+        ----------
+        tables
+            {argument of `from_tables`: value}, as for `torque_and_drag`.
+        changes
+            Arguments of `torque_drag_effects` that replace the values of the tables.
+
+        Returns
+        -------
+        TorqueDragEffects
+            Changes of hook load and torque.
+
+        Raises
+        ------
+        SceneError
+            If there is no survey, no friction, or an argument is out of range.
+        """
+        pipes, hole, known = _in_hole(tables, "friction" in changes)
+        return torque_drag_effects(pipes, hole, **{**known, **changes})
+
+    @staticmethod
+    def calibrated_friction(
+        tables: Mapping[str, Any], measurements: Any, depths: Sequence[Any] | None = None, **changes: Any
+    ) -> FrictionCalibration:
+        """Find the friction factors of a borehole from measured hook loads and torques of a string from tables.
+
+        Parameters
+        ----------
+        tables
+            {argument of `from_tables`: value}. These are used: sections, survey, friction_factors, mud_density and
+            end_depth.
+        measurements
+            Measurements, as for `calibrate_friction`.
+        depths
+            Measured depths at which the friction factors end [m]. By default those of `friction_factors`, and without
+            these one factor for the whole borehole.
+        changes
+            Other arguments of `calibrate_friction`.
+
+        Returns
+        -------
+        FrictionCalibration
+            The friction factors with 95 % intervals.
+
+        Raises
+        ------
+        SceneError
+            If there is no survey, or an argument is out of range.
+        """
+        pipes, hole, known = _in_hole(tables, True)
+        factors = tables.get("friction_factors")
+        ends = depths or ([depth for depth, _ in factors] if factors else None)
+        mud = {name: known[name] for name in ("mud_density",) if name in known}
+        return calibrate_friction(pipes, hole, measurements, ends, **{**mud, **changes})
+
+
+def _in_hole(tables: Mapping[str, Any], other_friction: bool) -> tuple[Sequence[Section], Survey, dict[str, Any]]:
+    """(sections, survey, known arguments of torque and drag) of the tables of a string. Raises SceneError without a survey, or without any friction."""
+    if tables.get("survey") is None:
+        raise SceneError("Argument `survey` must be given with `sections`, because side forces follow from the path of the hole.")
+    pipes = sections_of(tables["sections"])
+    if tables.get("end_depth") is not None:
+        pipes = _ending_at(pipes, tables["end_depth"])
+    friction = tables.get("friction_factors") or getattr(tables.get("friction"), "kinetic", None)
+    if not other_friction and friction is None:
+        raise SceneError("Argument `friction` must be given: a law with a kinetic coefficient, or friction factors.")
+    known = {name: tables[name] for name in ("mud_density", "weight_on_bit") if name in tables}
+    return pipes, hole_of(tables["survey"], sum(each.length for each in pipes)), {"friction": friction, **known}
 
 
 def _ending_at(pipes: Sequence[Section], depth: NumberOrText) -> tuple[Section, ...]:

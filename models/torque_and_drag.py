@@ -246,7 +246,7 @@ def torque_drag(
             f"Arguments `weight_on_bit` and `overpull` must not both be given, because a bit is pushed or pulled, but they are {load:g} N and {pulled:g} N."
         )
     load -= pulled
-    string = _String(pipes, hole, mud, profile.depths)
+    string = LoadedString(pipes, hole, mud, profile.depths)
     factors = profile.at(0.5 * (string.depth[:-1] + string.depth[1:]))
     hanging = string.moved(0.0, v, w, load, 0.0)[0]  # by the same steps, so that a drag of nothing is 0
     pulls, torques = string.moved(factors, v, w, load, math.copysign(rock, w) if w else 0.0)
@@ -261,7 +261,7 @@ def torque_drag(
 
 
 def _partly(
-    string: _String,
+    string: LoadedString,
     hanging: np.ndarray,
     pulls: np.ndarray,
     torques: np.ndarray,
@@ -287,13 +287,13 @@ def _partly(
     return (found, torques * 0.0, front) if v else (hanging, found, front)
 
 
-class _String:
+class LoadedString:
     """What does not depend on the motion, at nodes over depth and at the middle of every step: tangent, curvature, weight, radius."""
 
-    def __init__(self, pipes: Sequence[Section], hole: Survey, mud: float, breaks: Sequence[float] = ()):
+    def __init__(self, pipes: Sequence[Section], hole: Survey, mud: float, breaks: Sequence[float] = (), step: float = STEP):
         ends = np.cumsum([0.0, *(section.length for section in pipes)])
         corners = np.unique(np.concatenate([ends, [each for each in (*hole.depth, *breaks) if each < ends[-1]]]))
-        parts = np.maximum(1, np.ceil(np.diff(corners) / STEP)).astype(int)
+        parts = np.maximum(1, np.ceil(np.diff(corners) / step)).astype(int)
         self.depth = np.concatenate(
             [*(np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(corners, corners[1:], parts, strict=False)), corners[-1:]]
         )
@@ -305,6 +305,11 @@ class _String:
         self.weight = self.along([section.weight(mud) for section in pipes])
         self.radius = self.along([section.contact_radius for section in pipes])
         self.across = self.weight[:, None] * (np.array([0.0, 0.0, 1.0]) - self.tangent[..., 2:] * self.tangent)
+
+    def at_the_top(self, profile: FrictionFactors, v: float, w: float) -> tuple[float, float]:
+        """Return hook load [N] and torque [N m] of the string off bottom that moves along the hole at v and turns at w."""
+        pulls, torques = self.moved(profile.at(0.5 * (self.depth[:-1] + self.depth[1:])), v, w, 0.0, 0.0)
+        return float(pulls[0]), float(torques[0])
 
     def along(self, values: Sequence[float]) -> np.ndarray:
         """The value of the section of every step."""
@@ -426,7 +431,7 @@ class TorqueDragOperations(Result):
             )
         above, spans = 0.0, []
         for depth, factor in self.friction:
-            spans.append(f"{factor:g} from {above * length.factor:.4g} to {depth * length.factor:.4g} {length.unit}")
+            spans.append(f"{factor:.4g} from {above * length.factor:.4g} to {depth * length.factor:.4g} {length.unit}")
             above = depth
         return f"Friction factor {', '.join(spans)}; hook load without the weight of hook and block; no buckling.", rows
 

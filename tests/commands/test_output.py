@@ -268,7 +268,7 @@ EVERY = {
     "answer": ["RIG", "--controller", "PI", "--phases", "1", "--duration", "60 s"],
     "setpoints": ["RIG", "--initial-controller", "PI", "--group", "nominal", "--range", "top.reference=120 rpm:140 rpm", "--step", "10 rpm"],
     "tradeoff": ["RIG", "--duration", "2"],
-    "torquedrag": ["INCLINED"],
+    "torquedrag": ["INCLINED", "--measured", "ROAD", "--friction-depth", "20 km", "--change", "10%"],
     "schedule": ["WELL", "--controller", "stiff PI", "--depths", "2000", "2500", "--duration", "5 s"],
     "windows": [
         "WELL", "--controller", "stiff PI", "--depths", "2km", "--range", "top.reference=60 rpm:140 rpm", "--range", "bit.weight=60 kN:100 kN",
@@ -354,6 +354,7 @@ def inputs(tmp_path_factory):
     np.savetxt(folder / "log.csv", rows, delimiter=",", header=heads, comments="")
     speed = np.linspace(0.005, 0.6, 21)
     rows = np.column_stack([speed, 5.0 + 15.0 * np.exp(-((speed / 0.07) ** 2)) + 35.0 * speed])
+    (folder / "road.csv").write_text("depth [m],picking up [kN],slacking off [kN]\n1800,700,600\n2200,900,650\n2450,1000,700\n")
     np.savetxt(folder / "steady.csv", rows, delimiter=",", header="axis.speed [m/s],axis.force [N]", comments="")
     return folder
 
@@ -367,6 +368,7 @@ def test_every_command_that_writes_a_folder_has_its_report_and_writes_the_same_a
         "RIG": scene,
         "LOG": str(inputs / "log.csv"),
         "STEADY": str(inputs / "steady.csv"),
+        "ROAD": str(inputs / "road.csv"),
         "OTHER": str(inputs / "other.toml"),
         "WELL": str(root / "studies/scenes/deepening_well.toml"),
         "INCLINED": str(root / "studies/scenes/aarsnes_shor.toml"),

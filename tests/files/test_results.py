@@ -9,7 +9,21 @@ import numpy as np
 import pytest
 
 from controllers import PI, SoftTorque, StiffPI
-from models import BitRock, Coulomb, Section, Survey, TorqueDrag, TorqueDragOperations, torque_drag, torque_drag_operations, wells
+from models import (
+    BitRock,
+    Coulomb,
+    FrictionCalibration,
+    Section,
+    Survey,
+    TorqueDrag,
+    TorqueDragEffects,
+    TorqueDragOperations,
+    calibrate_friction,
+    torque_drag,
+    torque_drag_effects,
+    torque_drag_operations,
+    wells,
+)
 from tests.plants import BELT, RIG
 from toolbox import (
     Sampled,
@@ -191,6 +205,19 @@ def of_torque_drag_operations():
     return torque_drag_operations([Section(800.0, 0.127, 0.1086)], hole, [(400.0, 0.2), (800.0, 0.3)], weight_on_bit="20 kN")
 
 
+def of_friction_calibration():
+    hole = Survey((0.0, 900.0), (0.0, 0.9), (0.0, 0.0))
+    measured = {"depth": [500.0, 800.0], "picking up": ["150 kN", "220 kN"], "slacking off": ["120 kN", None]}
+    return calibrate_friction(
+        [Section(800.0, 0.127, 0.1086)], hole, measured, [400.0, 800.0], hook_weight="0 N", display_units={"N": "klbf"}
+    )
+
+
+def of_torque_drag_effects():
+    hole = Survey((0.0, 900.0), (0.0, 0.9), (0.0, 0.0))
+    return torque_drag_effects([Section(800.0, 0.127, 0.1086)], hole, [(400.0, 0.2), (800.0, 0.3)], weight_on_bit="20 kN")
+
+
 def of_mode_shapes():
     return mode_shapes(closed_loop(RIG, StiffPI(reference=10.0)))
 
@@ -219,6 +246,7 @@ MADE = {
     Prediction: of_prediction, ModelComparison: of_model_comparison, UncertainOnset: of_uncertain_onset,
     FrequencyResponse: of_frequency_response, StabilityChart: of_stability_chart, ModeShapes: of_mode_shapes,
     DescribingFunction: of_describing_function, TorqueDrag: of_torque_drag, TorqueDragOperations: of_torque_drag_operations,
+    FrictionCalibration: of_friction_calibration, TorqueDragEffects: of_torque_drag_effects,
     Recording: of_recording, Validation: of_validation,
 }  # fmt: skip
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from toolbox.errors import SceneError, joined, suggest
 from toolbox.logs.cells import UNITLESS, epoch, factor, plain_number, quantity_of
-from toolbox.logs.dates import DAY, UNDERSTOOD, digits_of, has_clock, has_date, is_format, is_time, seconds_of
+from toolbox.logs.dates import DAY, UNDERSTOOD, are_clock_digits, digits_of, has_clock, has_date, is_format, is_time, seconds_of
 from toolbox.logs.grids import NONE, Column, Source, named
 from toolbox.logs.sources import from_file, from_frame, from_mapping
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -297,6 +297,8 @@ def times_of(source: Source, column: Column, unit: str | None, where: str) -> tu
     here = f"{where}, column `{column.name}`,"
     cells = column.cells
     array = np.asarray(cells)
+    if unit is not None and (unit in ("", "-", "1") or unit.lower() in UNITLESS):
+        unit = None
     if array.dtype.kind == "M":
         return np.where(np.isnat(array), np.nan, array.astype("datetime64[ns]").astype(np.int64) / 1e9), ["time: dates"]
     if array.dtype.kind in "OUS" or digits_of(unit) is not None:
@@ -318,7 +320,7 @@ def times_of(source: Source, column: Column, unit: str | None, where: str) -> tu
     numbers = np.where(np.abs(np.nan_to_num(numbers)) >= 1e29, np.nan, numbers)
     numbers = np.where(np.isin(numbers, (-999.25, -32768.0, *source.nulls, *column.nulls)), np.nan, numbers)
     notes = [f"time: {said}"] if said else []
-    count = epoch(numbers) if unit is None or "epoch" in unit.lower() or is_format(unit) or unit.lower() in UNITLESS else None
+    count = epoch(numbers) if unit is None or "epoch" in unit.lower() or is_format(unit) else None
     if count is not None and not (source.bare and count == 1.0 and np.nanmax(numbers) < 1e8):
         return numbers * count, [*notes, f"time: epoch in {({1.0: 's', 1e-3: 'ms', 1e-6: 'us', 1e-9: 'ns'})[count]}"]
     if unit is None and not source.bare:
@@ -326,4 +328,11 @@ def times_of(source: Source, column: Column, unit: str | None, where: str) -> tu
             f"{here} must name its unit, such as `{column.name} [s]`, or `{column.name} [HHMMSS]` for a time of day in digits: write so there, or where you "
             "say which column is `time` (in Python `columns`, on the command line --column)."
         )
-    return numbers * (1.0 if unit is None else size_of(unit, "s", column.name, "time", here)), notes
+    size = 1.0 if unit is None else size_of(unit, "s", column.name, "time", here)
+    if size == 1.0 and array.dtype.kind in "OUS" and are_clock_digits([str(cell).strip() for cell in given]):
+        raise SceneError(
+            f"{here} must hold seconds, but it holds `{given[0]}` and others whose last two pairs of digits stay below 60 while minutes pass: say "
+            f"`{column.name} [HHMMSS]` where you say which column is `time` (in Python `columns`, on the command line --column) if they are times of day, or "
+            f"write seconds with a decimal, such as `{given[0]}.0`."
+        )
+    return numbers * size, notes

@@ -76,6 +76,12 @@ def digits_of(unit: str | None) -> str | None:
     return text if re.fullmatch(r"(?:(?:yyyy|yy)mmdd|ddmm(?:yyyy|yy))?hhmm(?:ss)?", text) else None
 
 
+def are_clock_digits(cells: Sequence[str]) -> bool:
+    """Return whether digits that count as seconds are rather times of day as HHMMSS: at least ten over more than a minute, and no pair is 60 or more."""
+    parts = [re.fullmatch(r"(\d\d[0-5]\d)[0-5]\d", cell) for cell in cells]
+    return len(cells) >= 10 and all(parts) and len({part[1] for part in parts if part}) > 1
+
+
 def is_time(cell: Any) -> bool:
     """Return whether a cell is a date or a time of day."""
     return isinstance(cell, (datetime.datetime, datetime.date, datetime.time, np.datetime64)) or _moment(str(cell).strip()) is not None

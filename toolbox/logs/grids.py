@@ -27,7 +27,8 @@ _UNIT = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*")
 
 @dataclass
 class Column:
-    """A column of a log: its name, unit (None where the log has none), cells, numbers or text, and the numbers that mean no value in it alone."""
+    """A column of a log: its name, unit (None if the log has none), cells, and the numbers that stand for a missing value in this column
+    only."""
 
     name: str
     unit: str | None
@@ -37,7 +38,7 @@ class Column:
 
 @dataclass
 class Source:
-    """Columns of a log, and what it says of them.
+    """Columns of a log, and the notes of the log on them.
 
     bare: numbers without a unit are SI;  notes: what was found, in words;  mark: decimal mark of its text;  nulls: those it declares;  index: the column that
     it declares to be its time.
@@ -69,16 +70,29 @@ def of_text(text: str, where: str, decimal: str | None = None, names: Sequence[s
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")]
     mark, width = _parted(lines, where)
     rows = _without_ends(_rows(lines, mark, where))
-    seen = [cell for row in rows[-LOOKED_AT:] if len(row) == width for cell in row]
-    point = decimal or ("." if mark == "," and not any(re.fullmatch(r"[+-]?\d+,\d+", cell) for cell in seen) else decimal_mark(seen))
+    seen = list(zip(*(row for row in rows[-LOOKED_AT:] if len(row) == width), strict=True))
+    quoted = mark == "," and any(re.fullmatch(r"[+-]?\d+,\d+", cell) for cells in seen for cell in cells)
+    point = decimal or ("." if mark == "," and not quoted else decimal_mark(seen))
     if point is None:
-        raise SceneError(
-            f'{where} must tell thousands from decimals, but `{next(cell for cell in seen if "," in cell)}` may be either: give `decimal=","` or `decimal="."`.'
-        )
-    source = of_rows(rows, where, point, names)
+        either = next(cell for cells in seen for cell in cells if "," in cell)
+        raise SceneError(f'{where} must tell thousands from decimals, but `{either}` may be either: give `decimal=","` or `decimal="."`.')
+    cut = text[-1:] not in "\r\n" and _is_cut(rows, width, point)
+    source = of_rows(rows[:-1] if cut else rows, where, point, names)
+    if cut:
+        source.notes.append(f"the last row left out: the file ends inside its last number, `{rows[-1][-1]}`")
     words = {"\t": "tabulators", ";": "semicolons", "|": "bars", ",": "commas", None: "spaces"}[mark]
     source.notes.insert(0, f"cells parted by {words}" + (", decimal comma" if point == "," else ""))
     return source
+
+
+def _is_cut(rows: Sequence[Sequence[str]], width: int, mark: str) -> bool:
+    """Whether a text without an end of its last line ends inside a number: all others of its column have the same places behind the mark, and it has fewer."""
+    ends = [row[-1] for row in rows[-LOOKED_AT:] if len(row) == width and plain_number(row[-1], mark) == plain_number(row[-1], mark)]
+    if len(ends) < 3 or len(rows[-1]) != width or rows[-1][-1] != ends[-1]:
+        return False
+    places = [len(cell.partition(mark)[2]) for cell in ends]
+    usual, count = Counter(places[:-1]).most_common(1)[0]
+    return count >= 0.9 * (len(places) - 1) and places[-1] < min(usual, 1 + min(places[:-1]))
 
 
 def of_rows(rows: Sequence[Sequence[Any]], where: str, mark: str = ".", names: Sequence[str] = ()) -> Source:
@@ -203,9 +217,9 @@ def _parted(lines: Sequence[tuple[int, str]], where: str) -> tuple[str | None, i
 
 
 def _first_of_data(rows: Sequence[Sequence[Any]], width: int, mark: str) -> int | None:
-    """The first row that holds values: of the width of most, and at least half of its cells that are not empty are numbers or times."""
+    """The first row that holds values: of the width of most, and more than half of its cells that say a value are numbers or times."""
     for k, row in enumerate(rows):
-        cells = [cell for cell in row if _heading(cell)]
+        cells = [cell for cell in row if _heading(cell).lower() not in NONE]
         if len(row) == width and cells and sum(_is_value(cell, mark) for cell in cells) > 0.5 * len(cells):
             return k
     return None

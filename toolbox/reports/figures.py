@@ -23,7 +23,7 @@ SHOWN = {"_phase": "phase plane", "_margins": "margins", "_error": "smallest err
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of a page: its bytes, their kind, and what it shows."""
+    """A figure of a page: its bytes, their kind, and its caption."""
 
     content: bytes
     kind: str
@@ -44,13 +44,20 @@ def figures_of_result(result: Any, caption: str) -> tuple[Picture, ...]:
     return (Picture(file.getvalue(), "image/png", caption),)
 
 
-def figures_of_folder(folder: Path, main: str, caption: str, labels: Sequence[str]) -> tuple[tuple[Picture, ...], tuple[Picture, ...]]:
+def figures_of_folder(
+    folder: Path, main: str, caption: str, labels: Sequence[str], beside: Sequence[str] = ()
+) -> tuple[tuple[Picture, ...], tuple[Picture, ...]]:
     """(figures beside the answer, figures of the appendix) of a folder of results.
 
-    main: name of the figure beside the answer, without its ending;  caption: its caption;  labels: of the controllers, in the order of their numbers.
+    main: name of the figure beside the answer, without its ending;  caption: its caption;  labels: of the controllers, in the order of their numbers;
+    beside: names of other figures beside the answer.
     """
-    first = [folder / f"{main}{suffix}" for suffix in KINDS]
-    shown = [_picture(path, caption) for path in first]
+    first = {
+        folder / f"{name}{suffix}": caption if name == main else caption_of(Path(name), labels)
+        for name in (main, *beside)
+        for suffix in KINDS
+    }
+    shown = [_picture(path, words) for path, words in first.items()]
     others = [_picture(path, caption_of(path, labels)) for path in sorted(folder.iterdir()) if path not in first]
     return tuple(each for each in shown if each), tuple(each for each in others if each)
 

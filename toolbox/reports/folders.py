@@ -45,13 +45,18 @@ from toolbox.tuning.results import Tuned
 
 @dataclass(frozen=True)
 class Kind:
-    """What one command writes: the file that tells of it, what it is called, its figure, and how its answer and its verdicts are read from the folder."""
+    """Output of a command: the file that identifies it, its name, its figure, and functions that read its answer and its verdicts from the
+    folder.
+
+    beside: names of other figures that are shown with the answer.
+    """
 
     mark: str
     name: str
     figure: str
     answer: Callable[[Path, Scene | None], tuple[str, tuple[str, ...]]] | None = None
     findings: Callable[[Path, Scene | None], Findings | None] | None = None
+    beside: Sequence[str] = ()
 
 
 def of_folder(folder: Path) -> list[Section]:
@@ -92,7 +97,7 @@ def _section(folder: Path, kind: Kind) -> Section:
         answer, more = kind.answer(folder, declared) if kind.answer else (preformatted(below.strip("\n") or text), ())
         findings = kind.findings(folder, declared) if kind.findings else None
     title = getattr(scene, "title", "") or first or kind.name
-    own, others = figures_of_folder(folder, kind.figure, f"{kind.name}: {title}", _labels(declared))
+    own, others = figures_of_folder(folder, kind.figure, f"{kind.name}: {title}", _labels(declared), kind.beside)
     return Section(
         title,
         kind.name,
@@ -175,8 +180,9 @@ def _one(title: str, name: str, kind: Any, findings: Any = None) -> Kind:
 
 
 def _torque_drag(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
-    """The operations of a rig; their class is that of the part, which stands above this room."""
-    return _loaded("torquedrag.txt", (catalogue.part("DrillString").torque_drag_result, "torquedrag.npz"))(folder, scene)
+    """Friction factors, operations of a rig and effects of numbers; their classes are those of the part, which stands above this room."""
+    results = catalogue.part("DrillString").torque_drag_results
+    return _loaded("torquedrag.txt", *((kind, f"{name}.npz") for name, kind in results.items()))(folder, scene)
 
 
 def _simulation(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
@@ -229,7 +235,7 @@ ALL: Sequence[Kind] = (
     _one("Tuning", "tune", Tuned),
     _one("Calibration", "fit", Fit),
     Kind("identify.txt", "Identification", "friction", _loaded("identify.txt", (Identification, "identify.npz"))),
-    Kind("torquedrag.txt", "Torque and drag", "torquedrag", _torque_drag),
+    Kind("torquedrag.txt", "Torque and drag", "torquedrag", _torque_drag, beside=("friction_factors", "effects")),
     Kind("simulate.txt", "Simulation", "01", _simulation),
     Kind("compare.txt", "Comparison", "compare"),
     _one("Error against time", "tradeoff", WorkPrecision),

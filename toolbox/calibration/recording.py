@@ -189,7 +189,13 @@ class Recording(Result):
         return replace(self, held=tuple(self._known(name) for name in names_of(inputs)))
 
     def stepping(self, inputs: Sequence[str]) -> Recording:
-        """Return the recording with jumps of these inputs at the sample behind them, and straight lines between all other samples."""
+        """Return the recording with jumps of these inputs at the sample behind them, and straight lines between all other samples.
+
+        Parameters
+        ----------
+        inputs
+            Names of the inputs that jump.
+        """
         return replace(self, held=(), stepped=tuple(inputs))
 
     def between(self, begin: NumberOrText, end: NumberOrText) -> Recording:

@@ -240,7 +240,7 @@ class SeverityMap(Told, Result):
         return np.exp(found) if self.logarithmic[0] else found
 
     def border_points(self, name: str) -> BorderPoints:
-        """Return the points of a border where it crosses the lines of the grid, in order along it, with their errors.
+        """Return the points of a border on the lines of the grid, in order along the border, with errors.
 
         Parameters
         ----------
@@ -318,8 +318,9 @@ class SeverityMap(Told, Result):
         return [*headings, "growth [1/s]"], rows
 
     def save_borders(self, path: str | Path) -> Path:
-        """Write the points of both borders as csv, atomically, in the units in which the ranges were typed: one row per
-        point with the border, the line of the border to which the point belongs, and both numbers with their errors.
+        """Write the points of both borders as csv, atomically, in the units of the typed ranges.
+
+        Each row has one point: the border, the index of its line, and both numbers with their errors.
 
         Parameters
         ----------

@@ -62,7 +62,9 @@ class BrakeLaw(Controller):
     margin: OptionalQuantity = quantity(None, "1", "allowed force as a fraction of the border of groan", above=0)
     lowest_force: Quantity = quantity(100.0, "N", "lowest force of one pad", at_least=0)
     highest_force: Quantity = quantity(5000.0, "N", "highest force of one pad", above=0, typical_range=(1.0, 1e6))
-    jerk: OptionalQuantity = quantity(None, "rad/s3", "largest jerk of the disc while the force falls to a lower border", above=0)
+    jerk: OptionalQuantity = quantity(
+        None, "rad/s3", "largest jerk of the disc while the force falls to a lower border; in the MPC also while it rises", above=0
+    )
     car_jerk: OptionalQuantity = quantity(None, "m/s3", "largest jerk of the car, in place of `jerk`", above=0)
     force_rate: OptionalQuantity = quantity(20_000.0, "N/s", "highest rate of the force", above=0)
     inertia: OptionalQuantity = quantity(None, "kg m2", "inertia I on the disc", above=0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -37,7 +37,10 @@ class BrakeMPC(BrakeLaw):
       border that is constant in pieces, for example from a friction table, is taken at the speed of the last
       prediction.
 
-    The controller predicts the border. It therefore brakes harder than the plan before it must reduce the force.
+    The controller predicts the border. It therefore brakes harder than the plan before it must reduce the force. This
+    increase of the force is as fast as `force_rate` allows, and so is the jerk of the car. A `jerk` or `car_jerk` limits
+    it: after the force of the planned deceleration is reached for the first time, no change of the force exceeds the
+    jerk, with the friction as measured.
 
     The plan of the stop and the limits of the command are described in the base class `controllers.brake_law.BrakeLaw`.
 
@@ -98,13 +101,17 @@ UNIT = 1000.0
 """Unit of the forces in the program [N]."""
 
 
+EARLIER = 0.8
+"""Jerk along which the border falls in the program, as a fraction of the largest jerk: the force then stays below the border without the largest jerk."""
+
+
 class PlannedStop(Stateful):
     """A designed `BrakeMPC`: a callable (t, y) -> force with a memory. The unknowns are the forces, then the excess over the border, in kN."""
 
     measured_signals = BrakeMPC.measured_signals
     actuated_signals = BrakeMPC.actuated_signals
     memory_fields: ClassVar[tuple[str, ...]] = (
-        "samples", "last", "normal", "excess", "begin", "friction", "plan", "planned", "speeds",
+        "samples", "last", "normal", "excess", "begin", "friction", "plan", "planned", "speeds", "applied",
     )  # fmt: skip
 
     @property
@@ -114,6 +121,7 @@ class PlannedStop(Stateful):
 
     def __init__(self, law: BrakeMPC, lag: float):
         self.law: Any = law
+        self.eased: Any = law if law.jerk is None else replace(law, jerk=EARLIER * law.jerk)
         self.dt = law.period
         N = law.horizon
         self.keep = float(np.exp(-law.period / lag)) if lag > 0.0 else 0.0
@@ -131,7 +139,7 @@ class PlannedStop(Stateful):
         self.friction = law.friction
         self.step = np.inf if law.force_rate is None else law.force_rate * law.period
         self.plan = np.zeros(N)
-        self.planned, self.speeds = False, np.zeros(N)
+        self.planned, self.speeds, self.applied = False, np.zeros(N), False
         self.record = Record()
 
     def design(self, plant: HybridSystem) -> PlannedStop:
@@ -155,15 +163,29 @@ class PlannedStop(Stateful):
         self.excess += law.period * (speed - wish[0])
         self.normal += (1.0 - self.keep) * (command - self.normal)
         self.last = command
+        self.applied = self.applied or command >= 0.999 * law.force_for(law.deceleration, self.friction)
         self.samples += 1
         self.record.seconds.append(time.perf_counter() - began)
         return command
 
+    def moves(self) -> tuple[float, np.ndarray]:
+        """Largest decrease and, for each planned sample, largest increase of the force [N], by its rate and by the jerk under the friction as averaged.
+
+        Until the force of the planned deceleration is reached first, it increases at its rate.
+        """
+        law = self.law
+        step = self.step if law.jerk is None else min(self.step, law.period * law.force_for(law.jerk, self.friction))
+        if self.applied or step == self.step:
+            return step, np.full(law.horizon, step)
+        missing = law.force_for(law.deceleration, self.friction) - self.last
+        risen = np.append(0.0, np.cumsum(np.full(law.horizon - 1, self.step)))
+        return step, np.maximum(np.minimum(self.step, missing - risen), step)
+
     def within(self, force: float) -> float:
         """Return the force within its limits, exactly. A force below the lowest force rises at the highest rate."""
-        law, step = self.law, self.step
+        law, (decrease, rises) = self.law, self.moves()
         force = min(max(force, law.lowest_force), law.highest_force)
-        return min(max(force, self.last - step), self.last + step)
+        return min(max(force, self.last - decrease), self.last + float(rises[0]))
 
     def _learn(self, torque: float) -> None:
         law = self.law
@@ -188,16 +210,16 @@ class PlannedStop(Stateful):
         g[0] -= UNIT * self.last / law.force_step_scale**2
         low = np.full(N + self.slack, law.lowest_force / UNIT)
         high = np.full(N + self.slack, law.highest_force / UNIT)
-        step = self.step
-        low[:N] = np.minimum(low[:N], (self.last + step * np.arange(1, N + 1)) / UNIT)  # a force still rising to its lowest value
-        below, above = np.full(N, -step / UNIT), np.full(N, step / UNIT)
+        decrease, rises = self.moves()
+        low[:N] = np.minimum(low[:N], (self.last + np.cumsum(rises)) / UNIT)  # a force still rising to its lowest value
+        below, above = np.full(N, -decrease / UNIT), rises / UNIT
         below[0] += self.last / UNIT
         above[0] += self.last / UNIT
         if self.slack:
             low[N], high[N] = 0.0, np.inf
             H[N, N], g[N] = law.violation_cost, law.violation_cost
             around = np.maximum(np.append(self.speeds[1:], self.speeds[-1]) if self.planned else wish[1:], 0.0)
-            border = law.highest_eased(around) / UNIT
+            border = self.eased.highest_eased(around) / UNIT
             growth = law.border_growth if law.border_forces is None else 0.0
             self.rows[N:, :N] = self.forced - (growth * border)[:, None] * S
             self.rows[N:, N] = -1.0

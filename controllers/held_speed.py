@@ -28,7 +28,9 @@ class HeldSpeed(Controller):
 
     Signals:
 
-    - Needs `disc.speed` [rad/s] and `disc.reference` [rad/s] (default: the field `reference`).
+    - Needs `disc.speed` [rad/s] and `disc.reference` [rad/s] (default: the field `reference`). On a brake with a
+      `wheel_radius` R, the set-point is the speed of the car, `car.reference` [m/s] (default: R times the field
+      `reference`), in place of `disc.reference`.
     - Gives `disc.torque` [N m].
 
     Source: textbook (pole placement).
@@ -41,6 +43,9 @@ class HeldSpeed(Controller):
     >>> loop = closed_loop(compose(DiscBrake(force="1 kN")), HeldSpeed(reference=2.0))
     >>> print(f"{equilibrium(loop)['disc.speed']:.2f} rad/s")
     2.00 rad/s
+    >>> loop = closed_loop(compose(DiscBrake(force="1 kN", wheel_radius="300 mm")), HeldSpeed(), inputs={"car.reference": "2 km/h"})
+    >>> print(f"{3.6 * equilibrium(loop)['disc.car_speed']:.2f} km/h")
+    2.00 km/h
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed",)
@@ -50,19 +55,26 @@ class HeldSpeed(Controller):
     frequency: Quantity = quantity(0.5, "Hz", "natural frequency of the drive", above=0)
     damping: Quantity = quantity(0.7, "1", "its damping ratio zeta", above=0)
     inertia: OptionalQuantity = quantity(None, "kg m2", "inertia I of disc and drive; by default read from the plant", above=0)
+    wheel_radius: OptionalQuantity = quantity(None, "m", "wheel radius R of the car; by default read from the plant", above=0)
 
     def design(self, plant):
-        if self.inertia is not None:
-            return self
-        try:
-            inertia = float(plant.parameter("disc.inertia"))
-        except SceneError as error:
-            raise SceneError(f"HeldSpeed is designed on a brake with a disc, or needs its field `inertia`: {error}") from None
-        return replace(self, inertia=inertia)
+        found = {}
+        if self.wheel_radius is None and plant.has_parameter("disc.wheel_radius"):
+            found["wheel_radius"] = float(plant.parameter("disc.wheel_radius"))
+        if self.inertia is None:
+            try:
+                found["inertia"] = float(plant.parameter("disc.inertia"))
+            except SceneError as error:
+                raise SceneError(f"HeldSpeed is designed on a brake with a disc, or needs its field `inertia`: {error}") from None
+        return replace(self, **found)
 
     def continuous(self, signal):
         angle, om = state("held.angle", "rad"), 2.0 * math.pi * self.frequency
-        error = signal("disc.reference", "rad/s", default=self.reference) - signal("disc.speed", "rad/s")
+        if self.wheel_radius is None:
+            wanted = signal("disc.reference", "rad/s", default=self.reference)
+        else:
+            wanted = signal("car.reference", "m/s", default=self.wheel_radius * self.reference) / self.wheel_radius
+        error = wanted - signal("disc.speed", "rad/s")
         return Equations(
             flow={angle: error}, outputs={"disc.torque": (self.inertia * (2.0 * self.damping * om * error + om**2 * angle), "N m")}
         )

@@ -18,8 +18,8 @@ SETTLED = 5.0
 
 
 class RockFilter(DisturbanceFilter):
-    """`DisturbanceFilter` while the bit may rest. While the bit turns, an extended Kalman filter of (x, s), with s the torque of the rock
-    as a multiple of its friction law.
+    """`DisturbanceFilter`, with an extended Kalman filter of (x, s) beside it while the bit turns. The torque of the rock is s times the
+    torque of its friction law.
 
         x' = A x + B u - E s T(w_bit),   s' = 0 but for wandering by `strength_process_noise` in a second
 

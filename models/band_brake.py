@@ -26,11 +26,11 @@ class Wound(FrictionLaw):
     """
 
     lining: FrictionLaw = Exponential(static=0.35, kinetic=0.28, decay=2.0)
-    angle: Quantity = quantity(1.5 * math.pi, "rad", "angle of wrap", above=0)
+    wrap_angle: Quantity = quantity(1.5 * math.pi, "rad", "angle of wrap", above=0)
     sense: int = 1
 
     def _gain(self, mu):
-        return self.sense * (ca.exp(self.sense * mu * self.angle) - 1)
+        return self.sense * (ca.exp(self.sense * mu * self.wrap_angle) - 1)
 
     def sliding(self, speed, *beyond):
         return self._gain(self.lining.sliding(speed, *beyond))
@@ -55,7 +55,7 @@ class BandBrake(Component):
         J w' = T + R F_band,   |F_band| <= gain pull
         gain = exp(mu angle) - 1 in the direction of the pull, 1 - exp(-mu angle) against it
 
-    Symbols and their fields: J `inertia` [kg m2], R `radius` [m], `angle` [rad], mu friction law `friction`. w is
+    Symbols and their fields: J `inertia` [kg m2], R `radius` [m], angle `wrap_angle` [rad], mu friction law `friction`. w is
     the speed of the drum [rad/s] and pull the signal `drum.pull` [N].
 
     - Needs the signals `drum.torque` T [N m] (default 0) and `drum.pull` [N] (default 0, must stay >= 0), the force of
@@ -78,14 +78,14 @@ class BandBrake(Component):
 
     inertia: Quantity = quantity(40.0, "kg m2", "inertia of the drum", above=0)
     radius: Quantity = quantity(0.4, "m", "radius of the drum", above=0)
-    angle: Quantity = quantity(1.5 * math.pi, "rad", "angle of wrap", above=0)
+    wrap_angle: Quantity = quantity(1.5 * math.pi, "rad", "angle of wrap", above=0)
     friction: FrictionLaw = Exponential(static=0.35, kinetic=0.28, decay=2.0)
 
     def equations(self, signal):
         torque, pull = signal("drum.torque", "N m", default=0.0), signal("drum.pull", "N", default=0.0)
         angle, speed = state("drum.angle", "rad"), state("drum.speed", "rad/s")
         rubbing = self.radius * speed
-        law = TwoWay(Wound(self.friction, self.angle, 1), Wound(self.friction, self.angle, -1))
+        law = TwoWay(Wound(self.friction, self.wrap_angle, 1), Wound(self.friction, self.wrap_angle, -1))
         band = DryFriction("band", rubbing, law, pull)
         return Equations(
             flow={angle: speed, speed: (torque + self.radius * band.force) / self.inertia},

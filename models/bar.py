@@ -27,7 +27,7 @@ class OscillatorOnBar(Component):
     The sum contains the first `modes` axial modes j of the bar. The contact is at a = `contact_position` L.
 
     - Needs the signal `oscillator.force` f [N] (default 0).
-    - Gives the signal `oscillator.bar_speed` u_t(a) [m/s].
+    - Gives the signal `oscillator.surface_speed` u_t(a) [m/s].
     - States: `oscillator.position` x [m], `oscillator.speed` v [m/s], `oscillator.amplitude` q [m] and
       `oscillator.rate` q' [m/s], with one entry per mode.
     - Contact: `bar`.
@@ -87,7 +87,7 @@ class OscillatorOnBar(Component):
                 q: r,
                 r: -(2 * self.loss * w * r + w**2 * q) - bar.force * shape / modal_mass,
             },
-            outputs={"oscillator.bar_speed": (surface, "m/s")},
+            outputs={"oscillator.surface_speed": (surface, "m/s")},
             elements=[bar],
             stored=self.mass * v**2 / 2 + self.stiffness * x**2 / 2 + modal_mass * (ca.dot(r, r) + ca.dot(w**2, q**2)) / 2,
             losses={

@@ -11,7 +11,7 @@ import numpy as np
 
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
-from toolbox.authoring import check_fields, columns, entries, number
+from toolbox.authoring import Result, check_fields, columns, entries, number
 from toolbox.modelling import Quantities
 
 
@@ -168,8 +168,8 @@ class SquealingPad(Component):
 
 
 @dataclass(frozen=True)
-class SquealModes:
-    """Complex eigenvalues of a pad over its friction: the result of `SquealingPad.modes`.
+class SquealModes(Result):
+    """Complex eigenvalues of a pad over its friction: the result of `SquealingPad.modes`. `to_csv` writes the table.
 
     Attributes
     ----------
@@ -190,6 +190,16 @@ class SquealModes:
     def squeals(self) -> np.ndarray:
         """Where a mode grows, shape (n,)."""
         return self.growth.max(axis=1) > 0
+
+    def _table(self) -> tuple[list[str], list[list[Any]]]:
+        """One row per coefficient of friction: frequency and growth rate of both modes."""
+        headings = ["friction", *(f"mode {mode} {what}" for mode in (1, 2) for what in ("frequency [Hz]", "growth [1/s]")), "squeals"]
+        return headings, [
+            [float(mu), low, first, high, second, "yes" if loud else "no"]
+            for mu, (low, high), (first, second), loud in zip(
+                self.friction, self.frequency.tolist(), self.growth.tolist(), self.squeals, strict=True
+            )
+        ]
 
     def __str__(self) -> str:
         rows = [["friction", "mode 1 [Hz]", "growth [1/s]", "mode 2 [Hz]", "growth [1/s]"]]

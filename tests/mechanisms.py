@@ -1,5 +1,5 @@
-"""Mechanisms that tests share: a shaft with bearing and brake, a valve spool between stops, a one-way clutch, friction on a prescribed motion, and
-motions whose closed forms are known: a ball, an oscillator, a tank, a Hertz contact."""
+"""Mechanisms that tests share: a shaft with bearing and brake, friction on a prescribed motion, a ring, wagons, relays, and motions whose closed forms
+are known: a ball, an oscillator, a tank, a Hertz contact."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import casadi as ca
 
 from models import Coulomb, GaussianStribeck, TwoWay
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, UnilateralContact, quantity, state, time
-from toolbox.modelling import Hysteresis, OneWayClutch, Quantities
+from toolbox.modelling import Hysteresis, Quantities, Relay
 
 
 @dataclass(frozen=True)
@@ -31,44 +31,6 @@ class BrakedShaft(Component):
             stored=self.inertia * speed**2 / 2,
             losses={"bearing": -bearing.force * speed, "brake": -brake.force * speed},
             supplies={"drive": torque * speed},
-        )
-
-
-@dataclass(frozen=True)
-class Spool(Component):
-    """A valve spool on a spring, with seals, between two stops."""
-
-    inertia: Quantity = quantity(0.2, "kg", "mass", above=0)
-    stiffness: Quantity = quantity(30.0, "N/m", "spring", at_least=0)
-    stroke: Quantity = quantity(0.1, "m", "way to either stop", above=0)
-    restitution: Quantity = quantity(0.3, "1", "restitution of the stops", at_least=0)
-    seal: FrictionLaw = Coulomb(2.0, 1.2)
-
-    def equations(self, signal):
-        force = signal("drive.torque", "N", default=0.0)
-        place, speed = state("spool.place", "m"), state("shaft.speed", "m/s")
-        seal = DryFriction("seal", speed, self.seal)
-        upper = UnilateralContact("upper", place - self.stroke, speed, restitution=self.restitution)
-        lower = UnilateralContact("lower", -place - self.stroke, -speed, restitution=self.restitution)
-        pull = force - self.stiffness * place + seal.force - upper.force + lower.force
-        return Equations(flow={place: speed, speed: pull / self.inertia}, elements=[seal, upper, lower])
-
-
-@dataclass(frozen=True)
-class Overrunning(Component):
-    """A driving shaft and a driven one behind a one-way clutch."""
-
-    inertia: Quantity = quantity(1.0, "kg m2", "inertia of the driving shaft", above=0)
-    driven: Quantity = quantity(2.0, "kg m2", "inertia of the driven shaft", above=0)
-    drag: Quantity = quantity(0.3, "N m s/rad", "drag of the driven shaft", at_least=0)
-
-    def equations(self, signal):
-        torque = signal("drive.torque", "N m", default=0.0)
-        driving, driven = state("shaft.speed", "rad/s"), state("wheel.speed", "rad/s")
-        clutch = OneWayClutch("clutch", driving - driven)
-        return Equations(
-            flow={driving: (torque - clutch.force) / self.inertia, driven: (clutch.force - self.drag * driven) / self.driven},
-            elements=[clutch],
         )
 
 
@@ -107,6 +69,51 @@ class Stack(Component):
             flow={v: (force + first.force + between.force) / self.inertia, u: (second.force - between.force) / self.other},
             elements=[first, second, between],
         )
+
+
+@dataclass(frozen=True)
+class Wagons(Component):
+    """Three wagons that touch, each with friction at its wheels: the first is pushed and pulled."""
+
+    inertia: Quantity = quantity(1.0, "kg", "mass of a wagon", above=0)
+
+    def equations(self, signal):
+        push = signal("drive.torque", "N", default=0.0)
+        x, v = state("wagons.place", "m", 3), state("wagons.speed", "m/s", 3)
+        wheels = [DryFriction(f"wheel{i}", v[i], Coulomb(1.0, 0.8)) for i in range(3)]
+        first, second = (UnilateralContact(f"buffer{i}", x[i] - x[i + 1], v[i] - v[i + 1], restitution=0.0) for i in range(2))
+        pull = ca.vertcat(push - first.force, first.force - second.force, second.force) + ca.vertcat(*[wheel.force for wheel in wheels])
+        return Equations(flow={x: v, v: pull / self.inertia}, outputs={"shaft.speed": (v[0], "m/s")}, elements=[*wheels, first, second])
+
+
+@dataclass(frozen=True)
+class LaggedRelay(Component):
+    """A relay whose output reaches its switching function through two lags and an integrator."""
+
+    inertia: Quantity = quantity(1.0, "1", "divisor of the highest derivative", above=0)
+
+    def equations(self, signal):
+        x = state("lags.x", "1", 3)
+        relay = Relay("relay", x[0], 1.0, higher_degree=True)
+        return Equations(
+            flow={x: ca.vertcat(x[1], x[2], (-3 * x[1] - 2 * x[2] + relay.force) / self.inertia)},
+            outputs={"shaft.speed": (x[0], "1")},
+            elements=[relay],
+        )
+
+
+@dataclass(frozen=True)
+class TwoRelays(Component):
+    """Two relays that switch ever faster until both slide, and a lag that their outputs drive."""
+
+    inertia: Quantity = quantity(1.0, "1", "divisor of the rates of the switching functions", above=0)
+
+    def equations(self, signal):
+        push = signal("drive.torque", "1", default=0.0)
+        x, speed = state("pair.x", "1", 2), state("shaft.speed", "1")
+        first, second = Relay("first", x[0], 1.0), Relay("second", x[1], 1.0)
+        rates = 2 * ca.vertcat(first.force - 26 * second.force + push, 26 * first.force + second.force)
+        return Equations(flow={x: rates / self.inertia, speed: first.force - second.force - speed}, elements=[first, second])
 
 
 TWO_WAY = TwoWay(Coulomb(2.0, 1.2), Coulomb(1.5, 1.0))

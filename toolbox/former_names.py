@@ -332,6 +332,7 @@ ENTRIES = (
     Entry("Dankowicz", "reach", "presliding_displacement", "largest deflection of the bristles"),
     Entry("DiscBrake", "other_friction", "second_pad_friction", "friction law of the second pad"),
     Entry("DiskStack", "clamped", "static_positions", "axial positions at rest under a force"),
+    Entry("BandBrake Wound", "angle", "wrap_angle", "angle of the drum that the band covers"),
     Entry("DragBit", "geometry", "bit_geometry_number", "bit geometry number gamma"),
     Entry("DragBit", "inclination", "cutter_inclination", "ratio zeta of axial to tangential cutting force"),
     Entry("DragBit", "engagement", "engagement_depth", "depth of cut from which the wear flats carry in full"),

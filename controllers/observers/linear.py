@@ -69,7 +69,7 @@ class StringObserver(Observer):
         raise NotImplementedError
 
     def design(self, plant):
-        """Return the observer with the model and the gain of the plant. A given gain is kept."""
+        """Return the observer with the model and gain of the plant; unchanged if it has a gain."""
         if self.gain is not None:
             return self
         model = string_model(plant)

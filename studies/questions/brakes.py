@@ -45,11 +45,11 @@ more; the eased sliding mode and the MPC need half a metre more.
     phased dither                           19, 0.05        27, 0.08        47, 0.21        80, 0.37       129, 0.63
     phased dither, ideal actuator           10, 0.01        11, 0.01        17, 0.01        45, 0.01        90, 0.01
 
-The sine makes a release louder, too. What dither can do is the third figure, for stops from 30 km/h and from 7 km/h, at which the pad already groans.
-Behind the actuator the highest rate lets a triangle of rate / (4 f) through at most: 100 N at 50 Hz, 3 % of the force, whatever depth is commanded. Of 50
-sines of 20 to 300 Hz none helps from 7 km/h (5 to 12 releases, 8 without); from 30 km/h most change nothing (1 to 3 releases, 2 without), and near 30 Hz and
-150 Hz, three times the frequency of the pad, they make groan (7 to 14). With an ideal actuator the sine is louder at nearly every frequency and depth. Phased
-dither silences a stop only if it acts less than a millisecond late, a twentieth of the period of the pad.
+The sine makes a release louder, too. What dither can do is the third figure, for stops from 30 km/h and from 7 km/h, at which the pad already groans. Behind
+the actuator the highest rate lets a triangle of rate / (4 f) through at most: 100 N at 50 Hz, 3 % of the force, whatever depth is commanded. Of 50 sines of
+20 to 300 Hz none silences the stop from 7 km/h (5 to 12 releases, 8 without); from 30 km/h forty leave 1 to 3 releases, 2 without, five of them 1, and ten
+near 30 Hz and 150 Hz, three times the frequency of the pad, make groan (7 to 14). The row of the table has 150 Hz. With an ideal actuator the sine is louder
+at nearly every frequency and depth. Phased dither silences a stop only if it acts less than a millisecond late, a twentieth of the period of the pad.
 
 The gains of PI and sliding mode were chosen for stops from 1.8 m/s, on the noise of other seeds, and not again for this table.
 

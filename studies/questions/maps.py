@@ -169,7 +169,7 @@ def region(ax: Any, axes: Any, segments: np.ndarray, beyond: str, label: str, st
     """The border of a region, and the region in grey: all that lies "right" of it, "above" or "below"."""
     from matplotlib.collections import LineCollection
 
-    from toolbox.onsets.figures import lines_of
+    from toolbox.onsets.borders import lines_of
 
     x, y = axes
     lines = lines_of(segments)
@@ -257,7 +257,7 @@ def main() -> None:
         with plt.rc_context(plot.PAPER):
             from matplotlib.collections import LineCollection
 
-            from toolbox.onsets.figures import lines_of
+            from toolbox.onsets.borders import lines_of
 
             figure, ax = plt.subplots(figsize=(5.4, 3.5), layout="constrained")
             shade = ax.pcolormesh(*grid, np.clip(swing, 0, None).T, cmap="Greys", vmin=0.0, vmax=1.5, shading="nearest", rasterized=True)

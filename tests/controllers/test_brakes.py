@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from controllers import BrakeForce, BrakeMPC, BrakePI, BrakeSlidingMode
-from controllers.brake_law import groan_force
-from models import Coulomb, DiscBrake, Tabulated
+from controllers.brake_law import groan_border, groan_force
+from models import BrakeActuator, Coulomb, DiscBrake, Tabulated
 from models.closed_forms import groan_growth
 from studies.questions import brakes
 from toolbox import Sampled, Scene, SceneError, compose, energy_audit, measure, simulate
 from toolbox.inputs import sine
+from toolbox.measuring import metrics
 from toolbox.onsets import verdicts
 from toolbox.scenes.cases import Case
 from toolbox.scenes.verdict_table import judged_by, table
@@ -356,6 +357,27 @@ def test_no_force_of_a_plan_changes_faster_than_the_actuator_bears():
         assert moves[0] == pytest.approx(most, rel=1e-6)
         assert np.abs(moves).max() <= most * (1.0 + 1e-6)
         before = force
+
+
+@pytest.mark.parametrize("given", [None, 5.0, 2.0])
+def test_the_predictive_law_keeps_its_jerk_before_the_border_too_and_its_twin_has_that_of_its_rate(given):
+    """The plan brakes harder before it must ease: at 20 kN/s by 2 r mu R / I 20 kN/s = 15.4 m/s3, with a jerk no faster than that, and below the border."""
+    curve = Tabulated(speeds=(0.0, 0.05, 0.15, 0.4, 1.0, 3.0), coefficients=(0.45, 0.444, 0.43, 0.405, 0.39, 0.385), static=0.45)
+    brake = DiscBrake(force=0.0, friction=curve, wheel_radius=0.3)
+    law = BrakeMPC(car_deceleration=2.5, friction=0.385, highest_force=8000.0, car_jerk=given)
+    run = simulate(
+        compose(brake, BrakeActuator()), 6.0, start={"disc.car_speed": 30.0 / 3.6}, controller=Sampled(law, 0.03, delay=0.002),
+        inputs={"pad.attachment": sine(0.0, 4.0, 40.0)},
+    )  # fmt: skip
+    stands = measure.standstill(run, "disc.car_speed", 0.03)
+    jerk = metrics.jerk("disc.car_speed", 0.2, stands).read(run)
+    of_rate = 2.0 * brake.radius * 0.385 * 0.3 / brake.inertia * 20_000.0
+    assert jerk == pytest.approx(of_rate, rel=0.02) if given is None else jerk < 1.1 * given
+    assert not any(each.element == "pad" and each.before == "stick" and 0.05 < each.time < stands for each in run.events)
+    if given is not None:
+        times = np.arange(0.2, stands, 1e-3)
+        found, border = run.at(times), groan_border(compose(brake))
+        assert all(force < border.at(max(speed, 0.0)) for force, speed in zip(found["brake.force"], found["disc.speed"], strict=True))
 
 
 def test_without_a_sound_answer_the_last_plan_goes_on(monkeypatch):

@@ -54,6 +54,22 @@ def test_a_plant_of_two_blocks_needs_names_and_has_them_everywhere():
     assert "block.mass" in compose(BlockOnBelt(), BlockOnBelt(name="other")).parameters
 
 
+def test_a_part_gives_no_signal_of_the_name_of_its_field():
+    """Both would be read by one name, in a run, a sweep and an exported model."""
+
+    def holding(self, signal):
+        x = state("x.gain", "1")
+        return Equations(flow={x: -self.gain * x})
+
+    def giving(self, signal):
+        x = state("x.place", "1")
+        return Equations(flow={x: -self.gain * x}, outputs={"x.gain": (x, "1")})
+
+    for make in (holding, giving):
+        with pytest.raises(SceneError, match="The name `x.gain` must stand for one thing, but a field of Part and a signal"):
+            compose(part(make, gain=2.0)())
+
+
 def test_two_equal_parts_move_alike_and_independently():
     plant = compose(BlockOnBelt(name="left"), BlockOnBelt(name="right"))
     alone = simulate(compose(BlockOnBelt()), 30.0, accuracy=1e-9)

@@ -121,7 +121,7 @@ def test_a_stop_turns_the_energy_of_the_car_into_the_heat_of_the_disc_and_a_hot_
 
 @pytest.mark.parametrize(("way", "gain"), [(1.0, math.exp(0.3 * math.pi) - 1.0), (-1.0, 1.0 - math.exp(-0.3 * math.pi))])
 def test_a_band_tightens_itself_one_way_and_slackens_the_other(way, gain):
-    drum = compose(BandBrake(angle=math.pi, friction=Coulomb(0.3, 0.3)))
+    drum = compose(BandBrake(wrap_angle=math.pi, friction=Coulomb(0.3, 0.3)))
     run = simulate(drum, 1.0, start={"drum.speed": 30.0 * way}, inputs={"drum.pull": 500.0}, accuracy=1e-9)
     assert run.at(1.0)["drum.speed"] == pytest.approx(way * (30.0 - 0.4 * 500.0 * gain / 40.0), rel=1e-9)
     assert energy_audit(run).relative < 1e-8

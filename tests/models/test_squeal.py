@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import math
 
@@ -143,3 +144,14 @@ def test_the_table_says_where_the_pad_squeals_and_draws_it():
     assert "No friction" in str(dataclasses.replace(PAD, disc_speed=-0.5).modes((0.3,)))
     with pytest.raises(SceneError, match="frictions"):
         PAD.modes((-0.1,))
+
+
+def test_the_table_of_modes_is_written_with_what_is_printed(tmp_path):
+    found = PAD.modes((0.2, 0.8))
+    with found.to_csv(tmp_path / "squeal.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["friction"]) for row in rows] == [0.2, 0.8]
+    assert [[float(row[f"mode {mode} frequency [Hz]"]) for mode in (1, 2)] for row in rows] == found.frequency.tolist()
+    assert [[float(row[f"mode {mode} growth [1/s]"]) for mode in (1, 2)] for row in rows] == found.growth.tolist()
+    assert [row["squeals"] == "yes" for row in rows] == found.squeals.tolist()
+    assert str(type(found).load(found.save(tmp_path / "squeal.npz"))) == str(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import matplotlib
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
@@ -73,6 +74,19 @@ def test_no_place_outside_of_the_border_is_shaded_and_every_place_inside_is():
         shaded = np.any([path.contains_points(ax.transData.transform(places)) for path in paths], axis=0)
         np.testing.assert_array_equal(shaded, inside(places * [1.0, 1e3]))
     axes[0].figure.canvas.draw()
+
+
+def test_a_region_without_stick_lies_on_top_of_the_severity_in_the_colour_of_the_legend():
+    found = made(stuck=True)
+    ax = found.plot()[0]
+    meshes = [each for each in ax.collections if isinstance(each, QuadMesh)]
+    patches = {matplotlib.colors.to_hex(patch.get_facecolor()): patch for patch in ax.patches}
+    legend = {patch.get_label().partition(":")[0]: patch for patch in ax.figure.legends[0].get_patches()}
+    for region in ("stuck", "swing", "none"):
+        drawn = patches[matplotlib.colors.to_hex(legend[region].get_facecolor())]
+        assert all(drawn.get_zorder() > mesh.get_zorder() for mesh in meshes)
+        i, j = np.argwhere(found.regions[region])[0]
+        assert drawn.get_path().contains_point((found.axes[0][i] + 1e-6, found.axes[1][j] / 1e3 + 1e-6))
 
 
 @pytest.mark.parametrize("stuck", [False, True])

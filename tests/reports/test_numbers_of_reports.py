@@ -244,8 +244,10 @@ def of_map(results):
     told, arrays = fields_of(folder / "map.npz")
     axes, segments = [arrays[name] for name in told["axes"]], {name: arrays[key] for name, key in told["borders"]}
     rows = rows_of(folder / "map.csv")
-    x, y = (np.array([float(row[name]) for row in rows]) for name in ("top.reference [rad/s]", "bit.weight [N]"))
-    assert np.array_equal(np.unique(x), axes[0]) and np.array_equal(np.unique(y), axes[1])
+    factors = {"top.reference [rpm]": math.pi / 30.0, "bit.weight [kN]": 1e3}
+    x, y = (factor * np.array([float(row[name]) for row in rows]) for name, factor in factors.items())
+    np.testing.assert_allclose(np.unique(x.round(12)), axes[0], rtol=1e-12)
+    np.testing.assert_allclose(np.unique(y.round(6)), axes[1], rtol=1e-12)
     rules = [
         (r"top\.reference from", [x.min(), x.max(), axes[0].size]),
         (r"bit\.weight from", [y.min(), y.max(), axes[1].size]),
@@ -255,9 +257,9 @@ def of_map(results):
     rules += [(f"{name} +\\d", [regions.count(name) / len(regions)]) for name in set(regions)]
     borders = rows_of(folder / "borders.csv")
     for name in {row["border"] for row in borders}:
-        ends = np.array([[float(value) for key, value in row.items() if key != "border"] for row in borders if row["border"] == name])
-        assert np.array_equal(ends.reshape(-1, 2, 2), segments["sticking"])
-        low, high = ends.reshape(-1, 2).min(axis=0), ends.reshape(-1, 2).max(axis=0)
+        points = np.array([[factor * float(row[key]) for key, factor in factors.items()] for row in borders if row["border"] == name])
+        np.testing.assert_allclose(points, np.vstack([segments["sticking"][:1, 0], segments["sticking"][:, 1]]), rtol=1e-12)
+        low, high = points.min(axis=0), points.max(axis=0)
         rules.append((f"{name} +\\d", [low[0], high[0], low[1], high[1]]))
     return folder, rules
 

@@ -96,6 +96,7 @@ def test_an_entry_tells_kind_and_parameters_with_units():
     assert all(issubclass(entry.item, Controller) for entry in catalogue.parts("control law"))
     assert all(issubclass(entry.item, FrictionLaw) for entry in catalogue.parts("friction law"))
     assert all(entry.summary for entry in catalogue.parts())
+    assert all(entry.summary[-1] in ".:)" for entry in catalogue.parts() if isinstance(entry.item, type)), "a summary is cut"
 
 
 @pytest.mark.parametrize("name", ["os", "annotations", "dataclass", "quantity", "Component", "Controller", "FrictionLaw", "__doc__", "wells.__file__",

@@ -88,13 +88,22 @@ def add(commands: Any) -> None:
     )
     two_ranges(chart, "what varies along the first axis, then along the second one; SI, or with units (50kN:110kN)")
     chart.add_argument("--shape", default="50x50", metavar="NxM", help="points along both axes (50x50)")
+    chart.add_argument(
+        "--logarithmic",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="number of --range whose values are spaced by their logarithm; may be repeated",
+    )
     asked_otherwise(chart)
     chart.add_argument(
         "--uncertainty",
         metavar="NAME[,NAME...]=PART",
         help="numbers that are lower and higher by this part together (20%%), on two more maps, and what is left of the declared one",
     )
-    chart.set_defaults(action=run_map, spelled={"ranges": "--range"}, words=lambda given: goes_on(given.out))
+    chart.set_defaults(
+        action=run_map, spelled={"ranges": "--range", "logarithmic": "--logarithmic"}, words=lambda given: goes_on(given.out)
+    )
 
 
 def two_ranges(verb: argparse.ArgumentParser, what: str) -> None:
@@ -220,17 +229,18 @@ def run_map(given: argparse.Namespace) -> int:
             for words, loop in loops.items():
                 folder = given.out / (stem if not words else f"{stem}_{words.split()[0].replace('-', 'less').replace('+', 'more')}")
                 name = f"{label}, {several} {words}" if words else label
-                found = severity_map(loop, over, shape=shape, checkpoint=folder)
+                found = severity_map(loop, over, shape=shape, logarithmic=given.logarithmic, checkpoint=folder)
+                told = "\n\n".join([str(found), *(str(found.border_points(border)) for border in found.borders)])
                 machines[words] = given.found[name] = found
                 names = drawn_as(MAP_FILES, given.format)
                 left = earlier("map.txt", "^Severity map of ", MAP_FILES)
                 with results(given, names, left, folder, last=False, beside=("map.npz",)) as made:
-                    (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
+                    (made / "map.txt").write_text(f"{told}\n", encoding="utf-8")
                     found.to_csv(made / "map.csv")
                     found.save_borders(made / "borders.csv")
                     scene.save(made / "scene.toml")
                     figures.draw_found(found, f"{scene.title}: {name}", made / f"map.{given.format}")
-                show(f"{found}\n" if not words else f"{several} {words}\n{found}\n")
+                show(f"{told}\n" if not words else f"{several} {words}\n{told}\n")
         except (SceneError, SimulationError) as error:
             failures[label] = error
             continue

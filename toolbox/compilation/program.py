@@ -82,6 +82,14 @@ class Program:
             found[i] = work_layout.BY_STATES if i in self.bounded else work_layout.BY_CONTACT
         return found
 
+    @cached_property
+    def unguarded(self) -> list[int]:
+        """Numbers of the elements whose bound varies and has no guard, so that it is looked at when measures are read.
+
+        A polynomial through a step dips below zero at the kink of a bound such as |load|, while a guard is evaluated itself.
+        """
+        return [i for i in self.varying if i not in self.bounded]
+
     def lacking(self, formulas: Formulas, kinds: tuple[tuple[str, Any], ...]) -> str:
         """Return the reason why a run uses the formulas of this program instead of the formulas that it asked for. Empty if they are the
         same."""

@@ -1,4 +1,5 @@
-"""Units in which reports, tables and figures answer: those that the question was typed in, or a chosen system. Numbers in Python and in files stay SI.
+"""Units in which reports, tables and figures answer: those that the question was typed in, or a chosen system. Numbers in Python stay SI, and so do those in
+files whose headings say no other unit (`typed`).
 
 A number that was typed remembers its unit (`toolbox.files.units.TypedNumber`). Verbs collect these units, `asked_units`, and hand them to their result as
 `asked`; `reading` decides for all reports and figures: a chosen system first, because it is chosen by who reads, then the unit asked in, then SI.
@@ -11,6 +12,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextvars import ContextVar
 from functools import cache
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.files.units import TypedNumber, parse
@@ -121,6 +124,18 @@ def reading(unit: str, display_units: Mapping[str, str] | None = None) -> Readin
     chosen = _SYSTEM.get()
     other = (display_units or {}).get(unit) if chosen is None else SYSTEMS[chosen].get(unit)
     return Reading(1.0, unit) if other in (None, unit) else Reading(1.0 / _size(other, unit), other)
+
+
+def typed(values: Any, unit: str, display_units: Mapping[str, str]) -> tuple[Any, str]:
+    """Numbers in SI in the unit in which they were typed, for a file, and that unit; the chosen system is of no account.
+
+    A number in another unit is rounded to 15 digits, so that 13 bar stay 13 bar.
+    """
+    other = display_units.get(unit)
+    if other in (None, unit):
+        return values, unit
+    size = _size(other, unit)
+    return np.vectorize(lambda value: float(f"{value / size:.15g}"), otypes=[float])(values), other
 
 
 def reading_of(unit: str, size: float, display_units: Mapping[str, str] | None = None) -> Reading:

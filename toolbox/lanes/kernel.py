@@ -127,7 +127,7 @@ def _emit_verdicts(made: Pass, step: Step, guards: Guards) -> Verdicts:
     steps = fresh & ~hit & ~odd & ~asks
     too_long = made.never
     if made.count and program.updates:
-        derived = with_derivatives(program, made.signals, program.varying)
+        derived = with_derivatives(program, made.signals, program.unguarded)
         edges = made.windows(was)
         others, numbers = [list(was["p"]), list(was["m"])], {name: was[name] for name in ("rtol", "longest", "end")}
         ends = (step.t, list(was["x"])), (step.t + step.h, step.x)

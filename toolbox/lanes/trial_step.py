@@ -42,7 +42,7 @@ class Pass:
         self.rhs = ca.Function("rhs", arguments, [ca.densify(form.field)])
         self.field = ca.Function("field", arguments, [ca.vertcat(*map(ca.densify, (form.field, form.guards, form.guard_rates)))])
         self.projected = ca.Function("projected", arguments, [ca.densify(form.projected[: self.own])])
-        watched = ca.densify(signals_and_bounds(program, signals, program.varying)) if windows else ca.SX(0, 1)
+        watched = ca.densify(signals_and_bounds(program, signals, program.unguarded)) if windows else ca.SX(0, 1)
         self.observe = ca.Function("observe", arguments, [watched])
         self.count = self.observe.numel_out(0)
         self.rows: dict[str, int] = {}

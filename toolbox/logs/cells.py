@@ -87,7 +87,8 @@ def factor(unit: str, wanted: str, name: str) -> float:
 
 
 def quantity_of(unit: str) -> str:
-    """Return the quantity that a unit measures, such as "current" for "mA"; empty for an unknown unit, and for one of a quantity without a name here."""
+    """Return the quantity that a unit measures, such as "current" for "mA". Empty for an unknown unit, and for a unit whose quantity has no
+    name here."""
     for of_quantity, quantity in QUANTITIES.items():
         with contextlib.suppress(SceneError):
             factor(unit, of_quantity, "unit")
@@ -110,9 +111,9 @@ def is_unit(text: str) -> bool:
 
 
 def decimal_mark(columns: Sequence[Sequence[str]]) -> str | None:
-    """Return the decimal mark of a log by the cells of its columns: "." or ","; None where commas may part thousands as well as decimals.
+    """Return the decimal mark of a log, found in the cells of its columns: "." or ",". None if the commas may also be thousands separators.
 
-    A point in another column tells nothing of `100,368`: recorders write some columns in the manner of the country, and others not.
+    A point in another column tells nothing about `100,368`: recorders write some columns with a decimal comma and others with a point.
     """
     of_column = [
         [cell for cell in cells if "," in cell and re.fullmatch(r"[+-]?[\d.,' \u00a0\u202f]+(?:[eE][+-]?\d+)?", cell)] for cells in columns
@@ -148,7 +149,7 @@ def plain_number(cell: Any, mark: str = ".") -> float:
 
 
 def epoch(numbers: np.ndarray) -> float | None:
-    """Seconds of one count, where numbers count from 1970; None for others."""
+    """Return the seconds of a count if numbers count from 1970; None for other numbers."""
     finite = numbers[np.isfinite(numbers)]
     middle = float(np.median(finite)) if finite.size else 0.0
     return next((size for low, high, size in EPOCHS if low < middle < high), None)

@@ -169,7 +169,7 @@ def local_spacing(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def marked(values: np.ndarray, kinds: tuple[str, ...] = KINDS) -> dict[str, np.ndarray]:
-    """{kind: where} of a channel whose nulls are nan: samples that are no data, each of one kind."""
+    """Return {kind: mask} of the flawed samples of a channel with nan for its nulls. A sample has a single kind."""
     found: dict[str, np.ndarray] = {}
     values, levels = values.copy(), of_levels(values)
     kept = np.zeros(values.size, bool)
@@ -263,7 +263,8 @@ def _span(values: np.ndarray) -> float:
 
 
 def of_levels(values: np.ndarray) -> bool:
-    """Whether a channel goes from level to level, as steps, pulses and set points do: it mostly stays exactly where it is, and else goes far."""
+    """Return whether a channel moves from level to level, like steps, pulses and set-points: most steps are exactly zero, and the others
+    are large."""
     finite = values[np.isfinite(values)]
     steps = np.abs(np.diff(finite))
     if not steps.any():

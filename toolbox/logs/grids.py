@@ -27,7 +27,8 @@ _UNIT = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*")
 
 @dataclass
 class Column:
-    """A column of a log: its name, unit (None where the log has none), cells, numbers or text, and the numbers that mean no value in it alone."""
+    """A column of a log: its name, unit (None if the log has none), cells, and the numbers that stand for a missing value in this column
+    only."""
 
     name: str
     unit: str | None
@@ -37,7 +38,7 @@ class Column:
 
 @dataclass
 class Source:
-    """Columns of a log, and what it says of them.
+    """Columns of a log, and the notes of the log on them.
 
     bare: numbers without a unit are SI;  notes: what was found, in words;  mark: decimal mark of its text;  nulls: those it declares;  index: the column that
     it declares to be its time.

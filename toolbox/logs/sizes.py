@@ -144,7 +144,7 @@ def check_las(path: Path, text: str) -> str:
 
 
 def check_parquet(path: Path, held: bytes) -> tuple[list[str], list[str]]:
-    """Return the columns of a parquet file that hold one value a row, and those of lists and structures, which do not.
+    """Return the columns of a parquet file with a value per row, and the columns of lists and structures, which are not read.
 
     Raises SceneError if its table takes more memory than it may.
     """
@@ -188,7 +188,7 @@ def check_hdf(path: Path) -> None:
     known: dict[Any, int] = {}
 
     def taken(held: Any, depth: int) -> int:
-        """Bytes of a dataset, with those of all to which it refers, each as often as it is named."""
+        """Return the bytes of a dataset and of all datasets to which it refers. A dataset counts once for each reference."""
         place = h5py.h5o.get_info(held.id).addr
         if place in known:
             return known[place]

@@ -71,7 +71,8 @@ def decoded(held: bytes) -> str:
 
 
 def from_mapping(given: Mapping[str, Any]) -> Source:
-    """Columns of a mapping of names to values, whose numbers are SI where their name has no unit; those of a matrix `log` are `log.0`, `log.1` and so on."""
+    """Return the columns of a mapping of names to values. A name without a unit means SI; a matrix `log` becomes the columns `log.0`,
+    `log.1` and so on."""
     columns = []
     for heading, cells in given.items():
         name, unit = named(heading) if "[" in heading else (heading, None)
@@ -81,7 +82,7 @@ def from_mapping(given: Mapping[str, Any]) -> Source:
 
 
 def from_frame(table: Any, bare: bool) -> Source:
-    """Columns of a table of pandas; the index is the time where no column is called so."""
+    """Return the columns of a table of pandas. The index is the time if no column has this name."""
     columns = [Column(*named(str(heading)), _cells(table[heading])) for heading in table.columns]
     index, words = table.index, [str(column.name).lower() for column in columns]
     plain = index.name is None and type(index).__name__ == "RangeIndex"

@@ -64,7 +64,7 @@ class EnergyAudit(Printed):
 
     @property
     def relative(self) -> float:
-        """|residual| / turnover [1]; 0.0 where nothing moves."""
+        """|residual| / turnover [1]; 0.0 if nothing moves."""
         return abs(self.residual) / self.turnover if self.turnover > 0 else 0.0
 
     def __str__(self) -> str:

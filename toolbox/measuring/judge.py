@@ -112,7 +112,7 @@ class Judged:
 
 @dataclass
 class Record:
-    """What the judge has seen: the sticks of a contact, and what a signal did.
+    """Observations of the judge: the sticks of a contact, and the motion of a signal.
 
     sticks: (begin, end) of each, shape (sticks, 2);  steps: (begin, end, lowest value, highest value, integral) of the steps of each piece, cut where windows
     of a length end, which divides that of a piece;  windows: lowest and highest value in each, shape (windows, 2);
@@ -131,7 +131,7 @@ class Record:
     recent: list[Samples[FloatArray]] = field(default_factory=list)
 
     def add(self, run: Trajectory) -> None:
-        """Add a run that begins where the one before ended."""
+        """Add a run that begins at the end of the previous run."""
         if math.isnan(self.first):
             self.first = run.begin
         sticks = joined([*self.sticks[-1:].tolist(), *stick_intervals(run, self.element)])  # the last one may go on
@@ -154,7 +154,8 @@ class Record:
 
     @property
     def pieces_to_stand(self) -> float:
-        """How many pieces a stick must last to stand: one where the forces rest, three where they have come and gone by the same in as many; else inf.
+        """Number of pieces that a stick must last to count as standstill: 1 if the forces rest, 3 if they vary equally in three pieces,
+        else inf.
 
         Of all contacts: that of a bit may rest for seconds while the string above it sticks to its hole, too, and the drive winds up the rest of it.
         """
@@ -260,7 +261,7 @@ class Judge:
         return max(min(int(seen / piece + 0.5) // LONGER, math.ceil(left / piece - 1e-9)), 1)
 
     def of_run(self, run: Trajectory, after: float) -> Judged:
-        """The verdict on a run as it is, from a time on [s]; not decided where it is too short to tell."""
+        """Return the verdict on a run from a time on [s], without continuing the run. The verdict is undecided if the run is too short."""
         record = self._record(run)
         record.add(run)
         record.sticks = np.maximum(record.sticks[record.sticks[:, 1] > after], after)
@@ -268,7 +269,7 @@ class Judge:
         return self.decided(record) or self._verdict(NOT_DECIDED, record, record.first)
 
     def decided(self, record: Record) -> Judged | None:
-        """What has been seen so far, where it tells."""
+        """Return the verdict on the record if the record decides it, else None."""
         sticks = record.resolved
         if len(sticks) and sticks[-1][1] >= record.now:  # it sticks now
             lasting = record.now - max(sticks[-1][0], record.first)

@@ -24,7 +24,7 @@ SIGNALS, READER = layout.INTS, layout.INTS + 1
 
 
 class Reading(NamedTuple):
-    """What is read of a run, and space for a step and its pieces.
+    """Arrays of a run for the reader of its signals, with space for a step and its pieces.
 
     ints: see above;  tolerance: of a piece, relative to the size of a signal, shape (1,);  p: parameters of the run, with what is held at a node behind
     FIRST_HELD;
@@ -68,7 +68,8 @@ KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Reading._fields, ("float64", 1
 
 
 def reading(program: Program, outputs: int, count: int, tolerance: float, p: np.ndarray, **arrays: np.ndarray) -> Reading:
-    """The arrays of a reader of so many signals, whose machine code is at the address `outputs`; arrays: those that depend on the run."""
+    """Return the arrays for a reader of `count` signals, with machine code at the address `outputs`. arrays: arrays that depend on the
+    run."""
     sizes = {"left": 3 * count, "stack_t": DEPTH + 1, "stack": (DEPTH + 1, 3 * count), "size": count, "ends": count}
     room = room_of(program.kernel) | {name: np.zeros(size) for name, size in sizes.items()}
     ints = np.append(program.ints, [count, outputs])

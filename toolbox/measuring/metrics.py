@@ -93,7 +93,7 @@ class Metric:
 
     @property
     def heading(self) -> str:
-        """What it is of what, in words."""
+        """Name of the metric and its signal or element, in words."""
         return f"{self.of}, {self.title.format(mode=self.mode)}" if self.of else self.title
 
     def unit_in(self, machine: HybridSystem | Recorded) -> str:
@@ -101,7 +101,8 @@ class Metric:
         return self.unit or times_seconds(machine.unit(self.of), self.order)
 
     def read(self, run: Recorded) -> float:
-        """The number of a run. Raises SceneError where the run has not what it looks at, and where nobody says what that is."""
+        """Return the metric of a run. SceneError is raised if the run lacks the signal or element of the metric, or if the metric names
+        none."""
         if not self.looks_at:
             return float(self.function(run))
         if not self.of:
@@ -256,7 +257,8 @@ METRICS: Mapping[str, Metric] = {
 
 # --------------------------------------------------------------------------------------------------------------------------------- what is asked
 def metrics_of(given: Any, argument: str = "metrics") -> dict[str, Metric]:
-    """{name: measure} of what an argument asks: a name of the list, a `Measure` or a function of a run; several of them; or {name: one of them}.
+    """Return {name: metric} of an argument: the name of a metric, a `Metric`, a function of a run, several of these, or a mapping of names
+    to these.
 
     Raises SceneError for what is none of these, for an unknown name, and where nothing is asked or one name twice.
     """

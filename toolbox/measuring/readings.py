@@ -34,7 +34,7 @@ OF_SIGNALS = ("lowest", "highest", "mean", "severity", "peak", "ends")
 class Layout:
     """Where measures of one program are read: `signals` in `windows` (begin, end), and `asked` stays and switches (element, mode, begin, end).
 
-    Behind the signals come the bounds of friction that vary in time, smallest and largest over the run: negative ones are refused. `count` of both.
+    Behind the signals come the bounds of friction that vary without a guard, smallest and largest over the run: negative ones are refused. `count` of both.
     """
 
     def __init__(self, program: Program, metrics: Sequence[Metric], duration: float):
@@ -43,15 +43,15 @@ class Layout:
         of_signals = [(m, span) for m, span in zip(self.metrics, spans, strict=True) if m.compiled in OF_SIGNALS]
         self.signals = tuple(dict.fromkeys(m.of for m, _ in of_signals))
         windows = list(dict.fromkeys(span for _, span in of_signals))
-        varying = program.varying if metrics else []
-        if varying and (0.0, duration) not in windows:
+        bounds = program.unguarded if metrics else []
+        if bounds and (0.0, duration) not in windows:
             windows.append((0.0, duration))
         self.windows = np.array(windows, float).reshape(-1, 2)
         self.places = [
             (self.signals.index(m.of), windows.index(span)) if m.compiled in OF_SIGNALS else None
             for m, span in zip(self.metrics, spans, strict=True)
         ]
-        self.whole = windows.index((0.0, duration)) if varying else 0
+        self.whole = windows.index((0.0, duration)) if bounds else 0
         self.rows = [-1] * len(self.metrics)
         asked: list[tuple[float, ...]] = []
         for q, (m, span) in enumerate(zip(self.metrics, spans, strict=True)):
@@ -60,7 +60,7 @@ class Layout:
                 self.rows[q] = len(asked)
                 asked.append((i, next((number for number, word in words.items() if word == m.mode), -9), *span))
         self.asked = np.array(asked, float).reshape(-1, 4)
-        self.count = len(self.signals) + len(varying)
+        self.count = len(self.signals) + len(bounds)
 
     def values(self, found: Readings) -> np.ndarray:
         """The measures, shape (..., measures)."""
@@ -91,16 +91,16 @@ class Layout:
         return np.array(ratios).reshape(low.shape)
 
     def negative(self, found: Readings) -> np.ndarray:
-        """Which of the bounds that vary in time were negative, shape (..., bounds)."""
+        """Which of the bounds that vary without a guard were negative, shape (..., bounds)."""
         if self.count == len(self.signals):
             return np.zeros((*found.ends.shape[:-1], 0), bool)
         low, high = (each[..., len(self.signals) :, self.whole] for each in (found.lowest, found.highest))
         return low < -1e-9 * np.maximum(np.abs(low), np.abs(high))
 
     def broken_bound(self, found: Readings) -> str | None:
-        """What is wrong with a bound of friction that was negative during a run; None where none was."""
+        """Return a message about a bound of friction that was negative during a run; None if there was none."""
         for k in np.flatnonzero(self.negative(found)):
-            element = self.program.system.elements[self.program.varying[k]]
+            element = self.program.system.elements[self.program.unguarded[k]]
             return element.negative_bound(f"is {found.lowest[len(self.signals) + k, self.whole]:.6g} during the run")
         return None
 
@@ -155,7 +155,7 @@ class RunningMeasures:
             Readings.of(self.layout), lowest=np.empty(by_window).T, highest=np.empty(by_window).T, integral=np.empty(by_window).T
         )
         when, found = np.empty(by_window), self.found
-        outputs = _compiled(program, self.layout.signals, program.varying) if count else 0
+        outputs = _compiled(program, self.layout.signals, program.unguarded) if count else 0
         self.reading = measuring_loop.reading(
             program, outputs, count, _tolerance(accuracy), np.empty(program.p_size), windows=self.layout.windows, lowest=found.lowest.T, ends=found.ends,
             highest=found.highest.T, when_lowest=when, when_highest=when, integral=found.integral.T, time=_NO_NODES[:, 0], state=_NO_NODES, held=_NO_NODES,
@@ -209,5 +209,5 @@ class RunningMeasures:
 
     @property
     def broken_bound(self) -> str | None:
-        """What is wrong with a bound of friction that was negative during the run; None where none was."""
+        """Message about a bound of friction that was negative during a run; None if there was none."""
         return self.layout.broken_bound(self.found)

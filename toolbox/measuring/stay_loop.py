@@ -11,7 +11,7 @@ from toolbox.translation.compiled import Compiled
 
 
 class Stays(NamedTuple):
-    """Recorded events, and the stays and switches to which they are added.
+    """Recorded events, and the arrays of stays and switches to which the loop adds them.
 
     ints: (number of events, whether the run has ended);  end: its end, in an array;  time, element, modes: of each event, with the modes before and after;
     m: modes at the end;  asked: rows (element, mode, begin, end of the window), one per measure;  since: begin of the current stay of each element;  spent,

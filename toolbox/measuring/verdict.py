@@ -152,7 +152,7 @@ def growth_in_words(rate: float) -> str:
 
 
 def growing(rate: float, reason: str) -> Verdict:
-    """Return the verdict on a run of which only this is known: a small disturbance of smooth running grows at a rate [1/s]."""
+    """Return the verdict on a run if only the growth of a small disturbance of smooth running is known, with its rate [1/s]."""
     return Verdict(growth_in_words(rate), failed=True, reason=reason)
 
 
@@ -241,5 +241,5 @@ def stick_slip_begins(severity: float, probability: float) -> bool:
 
 
 def stick_slip_ends(severity: float) -> bool:
-    """Return whether an estimated severity ends stick-slip; one that is not known does not end it."""
+    """Return whether an estimated severity ends stick-slip; nan does not."""
     return severity < CALM

@@ -68,7 +68,8 @@ def compose(*components: Component) -> HybridSystem:
 
         - No part is given, or a part has a wrong type.
         - A parameter is out of its bounds.
-        - Two parts have the same name, or one signal name has different units.
+        - Two parts have the same name, a field of a part has the name of a signal of the part, or one signal name has
+          different units.
         - A signal without a default is missing.
         - There is an algebraic loop, or an equation contains a NaN.
         - The force of a contact does not act on its slip.
@@ -228,6 +229,10 @@ class _Composer:
             self._add_state(name_of(variable), variable, derivative, variable.unit)
         for name, (expression, unit) in equations.outputs.items():
             self._give(renamed(name), ca.SX(expression), unit)
+        fields = {f"{own}.{slot.field_path}" for slot in slots}
+        for name in map(renamed, [*equations.outputs, *(variable.label for variable in equations.flow)]):
+            if name in fields:
+                raise SceneError(f"The name `{name}` must stand for one thing, but a field of {title} and a signal that it gives have it.")
         if equations.update is not None:
             self._add_update(equations.update, renamed, name_of)
         if equations.stored is not None:

@@ -18,6 +18,8 @@ import numpy as np
 from toolbox.arguments import finite_array, number, whole
 from toolbox.errors import SceneError
 from toolbox.files.units import TypedNumber, parse
+from toolbox.modelling.start_up import COARSE, STEP, commanded
+from toolbox.modelling.start_up import motion as start_up_motion
 
 UNITS: dict[str, dict[str, str]] = {
     "step": {"before": "", "after": "", "at": "s"},
@@ -27,8 +29,16 @@ UNITS: dict[str, dict[str, str]] = {
     "triangle": {"mean": "", "amplitude": "", "frequency": "Hz", "until": "s"},
     "sweep": {"mean": "", "amplitude": "", "start": "Hz", "end": "Hz", "duration": "s"},
     "noise": {"mean": "", "deviation": "", "corner": "Hz", "seed": "1"},
-}
+    "start_up": {
+        "end": "", "begin": "s", "wind_up": "s", "catch": "s", "inertia": "kg m2", "stiffness": "N m/rad", "static": "N m", "kinetic": "N m",
+        "decay": "s/rad", "drag": "N m s/rad", "damping": "N m s/rad", "drive_inertia": "kg m2", "drive_drag": "N m s/rad", "proportional": "N m s/rad",
+        "integral": "N m/rad", "delay": "s",
+    },
+}  # fmt: skip
 """Units of the numbers of each shape; empty for the unit of the signal."""
+
+OPTIONAL = {"sine": ("phase",), "start_up": ("drag", "damping", "drive_inertia", "drive_drag", "proportional", "integral", "delay")}
+"""Numbers of a shape that may be left out."""
 
 
 @dataclass(frozen=True)
@@ -436,6 +446,116 @@ def triangle(mean: float, amplitude: float, frequency: float, until: float) -> T
     peaks = 0.5 * (half[1:] + half[:-1])
     sides = np.where(np.arange(peaks.size) % 2 == 0, 1.0, -1.0)
     return Table.of("triangle", np.append(0.0, peaks), mean + amplitude * np.append(0.0, sides))
+
+
+@_typed
+def start_up(
+    end: float,
+    begin: float,
+    wind_up: float,
+    catch: float,
+    inertia: float,
+    stiffness: float,
+    static: float,
+    kinetic: float,
+    decay: float,
+    drag: float = 0.0,
+    damping: float = 0.0,
+    drive_inertia: float = 0.0,
+    drive_drag: float = 0.0,
+    proportional: float = 0.0,
+    integral: float = 0.0,
+    delay: float = 0.0,
+) -> Table:
+    """Return the set-point that starts a string with a bit on rock from rest, so that no stick-slip follows.
+
+    The string is wound up until the bit breaks free. The bit is then caught: its speed goes to the final speed within
+    the time `catch`, and the twist of the string goes to the twist that the rock needs at this speed. A step or a ramp
+    of the set-point leaves the string with too much twist, and the bit may stick and slip permanently.
+
+    The string is one spring between a drive and an inertia, with J y' = T - F(y) - drag y at the bit and
+
+        F(y) = kinetic + (static - kinetic) exp(-decay y)
+
+    Without `proportional` the result is the speed of the top. With the gains of a PI controller it is the set-point
+    with which this controller gives the top this speed. `toolbox.drilling.start_up` reads all numbers from a loop.
+
+    The idea of a planned start: U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Process Control 70 (2018) 24-35. The
+    motion and its formulas are choices of this toolbox.
+
+    Parameters
+    ----------
+    end
+        Final speed [rad/s], > 0.
+    begin
+        Time at which the start begins [s].
+    wind_up
+        Time in which the string is wound up, until the bit breaks free [s], > 0.
+    catch
+        Time in which the bit goes from its release to the final speed [s], > 0. 0.7 periods of the string below a
+        drive that holds its speed suit drives with torque limits.
+    inertia
+        Inertia J below the drive [kg m2].
+    stiffness
+        Stiffness of the string [N m/rad].
+    static, kinetic
+        Torque of the rock at rest and at high speed [N m].
+    decay
+        Decay of the torque of the rock with the bit speed [s/rad].
+    drag
+        Viscous drag of the bit [N m s/rad], by default 0.
+    damping
+        Damping of the string between drive and inertia [N m s/rad], by default 0.
+    drive_inertia, drive_drag
+        Inertia [kg m2] and viscous drag [N m s/rad] of the drive, by default 0. Used with `proportional`.
+    proportional, integral
+        Gains of the PI controller [N m s/rad, N m/rad], by default 0: the result is the speed of the top.
+    delay
+        Time from a measurement to its effect, with half a sample time [s], by default 0.
+
+    Returns
+    -------
+    Table
+        The input, for `inputs=` of `simulate` or `closed_loop`.
+
+    Raises
+    ------
+    SceneError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> from toolbox.inputs import start_up
+    >>> top = start_up("60 rpm", "0 s", "25 s", "4 s", 374.0, 473.0, static=12.1e3, kinetic=7.6e3, decay=0.9)
+    >>> print(f"{top.made('top.speed', 'rad/s').values[-1]:.2f} rad/s")
+    6.28 rad/s
+    """
+    for name, value in {
+        "end": end,
+        "wind_up": wind_up,
+        "catch": catch,
+        "inertia": inertia,
+        "stiffness": stiffness,
+        "static": static,
+        "decay": decay,
+    }.items():
+        number(name, value, above=0)
+    number("kinetic", kinetic, above=0, at_most=static)
+    rest = {
+        "drag": drag,
+        "damping": damping,
+        "drive_inertia": drive_inertia,
+        "drive_drag": drive_drag,
+        "proportional": proportional,
+        "integral": integral,
+        "delay": delay,
+    }
+    for name, value in rest.items():
+        number(name, value, at_least=0)
+    found = start_up_motion(end, wind_up, catch, inertia, stiffness, static, kinetic, decay, drag, damping)
+    values = found.top if not proportional else commanded(found, drive_inertia, drive_drag, proportional, integral, delay)
+    nodes = np.append(np.arange(0, values.size - 1, COARSE), values.size - 1)
+    return Table.of("start_up", np.append(begin, begin + STEP * (nodes + 1)), np.append(0.0, values[nodes]))
 
 
 def _half_periods(kind: str, mean: float, amplitude: float, frequency: float, until: float) -> np.ndarray:

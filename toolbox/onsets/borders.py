@@ -26,6 +26,17 @@ def border(
     return where, edges.segments(edges.halved(lambda points: np.asarray(decide(points), bool), halvings))
 
 
+def coordinates(values: np.ndarray, logarithmic: tuple[bool, bool]) -> np.ndarray:
+    """Points of a plane in the coordinates in which a grid is even, shape (..., 2): the logarithm of a number that is spaced by it."""
+    return np.stack([np.log(values[..., k]) if logarithmic[k] else values[..., k] for k in range(2)], axis=-1)
+
+
+def lines_of(segments: np.ndarray) -> list[np.ndarray]:
+    """The lines that segments in order make, shape (points, 2) each, so that dashes run through."""
+    starts = np.flatnonzero((segments[1:, 0] != segments[:-1, 1]).any(axis=1)) + 1
+    return [np.vstack([line[:1, 0], line[:, 1]]) for line in np.split(segments, starts)] if len(segments) else []
+
+
 @dataclass(frozen=True)
 class Edges:
     """Edges of a grid across which a verdict changes: ends with the one and the other verdict, both of shape (k, 2).
@@ -46,6 +57,10 @@ class Edges:
             there = decide(middle)
             high[there], low[~there] = middle[there], middle[~there]
         return 0.5 * (low + high)
+
+    def errors(self, part: float | np.ndarray) -> np.ndarray:
+        """Half the width of what is left of every edge, shape (k, 2), if that is this part of the edge; 0 across the edge."""
+        return 0.5 * np.reshape(part, (-1, 1)) * np.abs(self.high - self.low)
 
     def roots(self, values: Callable[[np.ndarray], np.ndarray], precision: float) -> np.ndarray:
         """Return the place on every edge at which the function changes sign, as a fraction of the edge from `low`. All edges are searched

@@ -16,12 +16,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from toolbox.errors import SceneError
 from toolbox.figures.curves import nearest_known
 from toolbox.figures.style import LINES, PAPER, WIDTH, drawn_on, in_words, name_axis, reading_of
 from toolbox.measuring.judge import SMOOTH, STICKS, SWINGS
+from toolbox.onsets.borders import coordinates, lines_of
 from toolbox.onsets.regions import MEANINGS, outlines
 
 
@@ -168,7 +169,7 @@ def severity_panels(found: Any, axes: Any = None) -> Any:
         for ax, (name, branch) in zip(axes, (("smooth", found.smooth), ("sticking", found.sticking)), strict=True):
             ax.set_facecolor(TINTS["free"])
             for region in ("smooth or stuck", "stuck", "swing", "none"):
-                _filled(ax, grid, regions[region], np.empty((0, 2, 2)), TINTS[region])
+                _filled(ax, grid, regions[region], np.concatenate([borders["sticking"], borders["smooth"]]), TINTS[region], 1.2)
             if name == "smooth":
                 _filled(ax, grid, lasting["sticking"], borders["sticking"], TINTS["bistable"])
             # the severity of the nearest point where there is one reaches up to the border
@@ -185,8 +186,14 @@ def severity_panels(found: Any, axes: Any = None) -> Any:
                         clip_on=False, zorder=4, label="working point")  # fmt: skip
             ax.set_title(titles[name], loc="left", fontsize=9.0)
             ax.set(xlim=grid[0][[0, -1]], ylim=grid[1][[0, -1]])
+            for axis, scale, spaced in zip((ax.xaxis, ax.yaxis), ("xscale", "yscale"), found.logarithmic, strict=True):
+                if spaced:
+                    ax.set(**{scale: "log"})
+                    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                    axis.set_major_formatter("{x:g}")
+                    axis.set_minor_locator(NullLocator())
             ax.set_xlabel(f"{in_words(found.names[0])} [{scales[0][1]}]")
-        _words(axes[0], grid, regions, found.nominal_point / divisors)
+        _words(axes[0], grid, regions, found.nominal_point / divisors, found.logarithmic)
         axes[0].set_ylabel(f"{in_words(found.names[1])} [{scales[1][1]}]")
         figure = axes[0].figure
         bar = figure.colorbar(
@@ -211,20 +218,29 @@ CLEAR = 0.12
 """Distance from the working point, in parts of the map, within which no name is written."""
 
 
-def _words(ax: Any, grid: tuple[np.ndarray, np.ndarray], regions: Mapping[str, np.ndarray], avoided: np.ndarray) -> None:
+def _words(
+    ax: Any,
+    grid: tuple[np.ndarray, np.ndarray],
+    regions: Mapping[str, np.ndarray],
+    avoided: np.ndarray,
+    logarithmic: tuple[bool, bool] = (False, False),
+) -> None:
     """The names of the regions where these are widest, so that nobody needs their colours; avoided: a point that stays free of letters."""
     from scipy.ndimage import distance_transform_edt
 
+    even = [np.log(values) if spaced else values for values, spaced in zip(grid, logarithmic, strict=True)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        avoided = coordinates(avoided, logarithmic)
     for name, where in regions.items():
         if where.mean() < WRITTEN:
             continue
         depth = distance_transform_edt(np.pad(where, 1, mode="edge"), sampling=(1.0 / len(grid[0]), 1.0 / len(grid[1])))[1:-1, 1:-1]
-        places = [(values - values[0]) / (values[-1] - values[0]) for values in grid]
+        places = [(values - values[0]) / (values[-1] - values[0]) for values in even]
         across, up = (np.minimum(place, 1.0 - place) for place in places)  # letters need room to both sides
         depth = np.minimum(depth, np.minimum.outer(across, up))
         if np.isfinite(avoided).all():
             away = [
-                place - (value - values[0]) / (values[-1] - values[0]) for place, value, values in zip(places, avoided, grid, strict=True)
+                place - (value - values[0]) / (values[-1] - values[0]) for place, value, values in zip(places, avoided, even, strict=True)
             ]
             depth = np.where(np.hypot(away[0][:, None], away[1][None, :]) > CLEAR, depth, 0.0)
         if not depth.any():  # a region of a coarse map that lies at its edge
@@ -244,14 +260,10 @@ def _path(polygons: Sequence[np.ndarray]) -> Path:
     return Path.make_compound_path(*closed) if closed else Path(np.zeros((3, 2)))
 
 
-def _filled(ax: Any, grid: tuple[np.ndarray, np.ndarray], where: np.ndarray, segments: np.ndarray, colour: str) -> None:
-    """Fill a region up to its border; of several such the last lies on top."""
+def _filled(
+    ax: Any, grid: tuple[np.ndarray, np.ndarray], where: np.ndarray, segments: np.ndarray, colour: str, zorder: float = 0.5
+) -> None:
+    """Fill a region up to its border; of several such the last lies on top. zorder: above 1 for what lies on top of the severity."""
     polygons = outlines(grid, where, segments)
     if polygons:  # without seams between the cells
-        ax.add_patch(PathPatch(_path(polygons), facecolor=colour, edgecolor=colour, linewidth=0.3, zorder=0.5))
-
-
-def lines_of(segments: np.ndarray) -> list[np.ndarray]:
-    """The lines that segments in order make, shape (points, 2) each, so that dashes run through."""
-    starts = np.flatnonzero((segments[1:, 0] != segments[:-1, 1]).any(axis=1)) + 1
-    return [np.vstack([line[:1, 0], line[:, 1]]) for line in np.split(segments, starts)] if len(segments) else []
+        ax.add_patch(PathPatch(_path(polygons), facecolor=colour, edgecolor=colour, linewidth=0.3, zorder=zorder))

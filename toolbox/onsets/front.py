@@ -105,7 +105,7 @@ class Front(Carried[complex]):
                 continue
             point, (low, high) = self.plane.point(edge), self.plane.ranges[axis]
             beyond = [[*point[:axis], value, *point[axis + 1 :]] for value in outward(point[axis], sign, high - low)]
-            self.outside(edge, map(self.plane.place, beyond))
+            self.outside(edge, map(self.plane.at, beyond))
 
     def spread(self, known: Container[complex] = ()) -> None:
         """Lead stick-slip from each point with a cycle to the neighbours of the point, as far as it lasts. known: points whose stick-slip

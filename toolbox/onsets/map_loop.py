@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.modelling.two_directions import check_one_direction
+from toolbox.onsets.borders import coordinates
 from toolbox.onsets.carried import JudgedRuns
 from toolbox.onsets.growth import SmoothBranch, check_autonomous
 from toolbox.scenes.judged import judged_contact, judged_speed
@@ -43,13 +46,17 @@ MIDDLE = 0.5 + 0.5j
 
 @dataclass(frozen=True)
 class Plane:
-    """The plane of two numbers. A place in it is a complex number: the first one, in parts of its range, is the real part, the second the imaginary part."""
+    """The plane of two numbers. A place in it is a complex number: the first one, in parts of its range, is the real part, the second the imaginary part.
+
+    Coordinates are the numbers themselves, or the logarithms of those that are spaced by it.
+    """
 
     numbers: tuple[Number, Number]
     ranges: tuple[tuple[float, float], tuple[float, float]]
+    logarithmic: tuple[bool, bool] = (False, False)
 
     @staticmethod
-    def of(loop: ClosedLoop, over: Mapping[str, tuple[NumberOrText, NumberOrText]]) -> Plane:
+    def of(loop: ClosedLoop, over: Mapping[str, tuple[NumberOrText, NumberOrText]], logarithmic: Sequence[str] = ()) -> Plane:
         """The plane over two numbers of a loop. Raises SceneError for names and ranges that make none."""
         if not isinstance(over, Mapping) or len(over) != 2:
             raise SceneError(f"Argument `ranges` must map two names to (low, high), but it is {over!r}.")
@@ -58,22 +65,47 @@ class Plane:
         for each, ends in zip((first, second), ranges, strict=True):
             for end in ends:
                 each.check(end)
-        return Plane((first, second), (ranges[0], ranges[1]))
+        if isinstance(logarithmic, str) or not set(logarithmic) <= {*over, first.name, second.name}:
+            raise SceneError(f"Argument `logarithmic` must list names of `ranges`, but it is {logarithmic!r}.")
+        spaced = [name in logarithmic or each.name in logarithmic for name, each in zip(over, (first, second), strict=True)]
+        for each, (low, _), by_logarithm in zip((first, second), ranges, spaced, strict=True):
+            if by_logarithm and not low > 0.0:
+                raise SceneError(f"Argument `{each.name}` must be > 0 {each.unit} to be spaced by its logarithm, but it begins at {low:g}.")
+        return Plane((first, second), (ranges[0], ranges[1]), (spaced[0], spaced[1]))
 
     @property
     def names(self) -> tuple[str, str]:
         """Names of the two numbers."""
         return self.numbers[0].name, self.numbers[1].name
 
+    @cached_property
+    def ends(self) -> FloatArray:
+        """Coordinates of both ends, shape (number, end)."""
+        return coordinates(np.array(self.ranges).T, self.logarithmic).T
+
     def place(self, point: Sequence[float] | FloatArray) -> complex:
-        """The place of two values in SI."""
-        parts = [float((value - low) / (high - low)) for value, (low, high) in zip(point, self.ranges, strict=True)]
+        """The place of two coordinates."""
+        parts = [float((value - low) / (high - low)) for value, (low, high) in zip(point, self.ends, strict=True)]
         return complex(*parts)
+
+    def at(self, values: Sequence[float]) -> complex:
+        """The place of two values in SI."""
+        return self.place(coordinates(np.asarray(values, float), self.logarithmic))
 
     def point(self, place: complex) -> list[float]:
         """The two values of a place, in SI."""
-        parts = zip((place.real, place.imag), self.ranges, strict=True)
-        return [low + part * (high - low) for part, (low, high) in parts]
+        parts = zip((place.real, place.imag), self.ends, strict=True)
+        found = [float(low + part * (high - low)) for part, (low, high) in parts]
+        return [math.exp(value) if spaced else value for value, spaced in zip(found, self.logarithmic, strict=True)]
+
+    def in_si(self, points: FloatArray) -> FloatArray:
+        """The values of coordinates, shape (..., 2), in SI; those of both ends are the ends of the ranges exactly."""
+        found = np.array(points, float)
+        for k in np.flatnonzero(self.logarithmic):
+            given = found[..., k]
+            ends = [given == end for end in self.ends[k]]
+            found[..., k] = np.select(ends, self.ranges[k], np.exp(given))
+        return found
 
     def values(self, place: complex) -> list[tuple[Number, float]]:
         """The numbers with their values at a place."""

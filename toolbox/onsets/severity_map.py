@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import BoolArray, FloatArray, whole
+from toolbox.arguments import BoolArray, FloatArray, number, whole
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files import tables
 from toolbox.files.archives import Shape, check_shapes
@@ -30,13 +30,13 @@ from toolbox.files.journal import Journal
 from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
-from toolbox.files.unit_systems import Reading, asked_in, reading
+from toolbox.files.unit_systems import Reading, asked_in, reading, typed
 from toolbox.files.units import NumberOrText
 from toolbox.measuring import judge
 from toolbox.measuring.judge import Judged
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
-from toolbox.onsets.borders import Edges, edges_of
+from toolbox.onsets.borders import Edges, coordinates, edges_of, lines_of
 from toolbox.onsets.carried import JudgedRuns, is_run
 from toolbox.onsets.front import Front
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS, Plane, map_runs, steady_plane
@@ -52,6 +52,9 @@ BORDERS = {"smooth": "smooth running is lost", "sticking": "existing stick-slip 
 
 EXACT = 1e-12
 """Precision of the border of smooth running by poles, in parts of a cell."""
+
+EXACT_BELOW = 1e-9
+"""Error of a point of a border, as a fraction of its value, below which it is printed as 0."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +99,14 @@ class SeverityMap(Told, Result):
         The segments of a line are in order.
     duration, accuracy
         Longest time for which a run was continued until its regime was decided [s], and accuracy of the runs.
+    border_errors
+        Half the width of the interval in which each end of a segment lies, for both numbers, in SI: {border: array of
+        the shape of its segments}. The interval lies along one line of the grid, so one of the two numbers is 0.
     resolution
         Resolution of borders that come from runs, as a fraction of a cell. If `growth` is known, the border "smooth"
         lies at its change of sign, and this resolution does not apply.
+    logarithmic
+        Whether the values of the first and of the second number are spaced by their logarithm.
     failures
         Reasons why runs failed: {(branch, i, j): message}.
     runs
@@ -142,6 +150,8 @@ class SeverityMap(Told, Result):
     nominal_point: tuple[float, float] = (math.nan, math.nan)
     display_units: Mapping[str, str] = field(default_factory=dict)
     situation: str = ""
+    logarithmic: tuple[bool, bool] = (False, False)
+    border_errors: dict[str, FloatArray] = field(default_factory=dict)
 
     @property
     def regions(self) -> dict[str, BoolArray]:
@@ -172,7 +182,8 @@ class SeverityMap(Told, Result):
             f"Severity map of {self.title}: `{self.signal}`, contact `{self.element}`",
             *(
                 f"  {name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}, {axis.size} values"
-                for name, each, axis in zip(self.names, read, self.axes, strict=True)
+                f"{', spaced by logarithm' if spaced else ''}"
+                for name, each, axis, spaced in zip(self.names, read, self.axes, self.logarithmic, strict=True)
             ),
             f"  {self.runs} runs, each until it is decided, of {self.duration:.4g} s at most, at accuracy {self.accuracy:g}",
             *([f"  {self.situation}"] if self.situation else []),
@@ -202,8 +213,9 @@ class SeverityMap(Told, Result):
     def border(self, name: str, along: float) -> FloatArray:
         """Return the values of the first number at which a border crosses a value of the second number, ascending.
 
-        Between two values of the grid the border is a straight line. The error at a curved border can therefore be
-        larger than `resolution`.
+        Between two values of the grid the border is a straight line, in the logarithm of a number that is spaced by it.
+        The error at a curved border can therefore be larger than `resolution`. `border_points` gives the points that
+        were computed, with their errors.
 
         Parameters
         ----------
@@ -217,13 +229,64 @@ class SeverityMap(Told, Result):
         SceneError
             If there is no border of that name.
         """
-        if name not in self.borders:
-            raise SceneError(f"There is no border `{name}`: {suggest(name, self.borders)}")
-        (x0, y0), (x1, y1) = (self.borders[name][:, k].T for k in range(2))
+        self._check_border(name)
+        if self.logarithmic[1]:
+            along = math.log(number("along", along, self.units[1], above=0))
+        (x0, y0), (x1, y1) = (coordinates(self.borders[name][:, k], self.logarithmic).T for k in range(2))
         crossing = ((y0 - along) * (y1 - along) <= 0) & (y0 != y1)
         with np.errstate(divide="ignore", invalid="ignore"):
             x = x0 + (along - y0) / (y1 - y0) * (x1 - x0)
-        return np.unique(x[crossing])
+        found = np.unique(x[crossing])
+        return np.exp(found) if self.logarithmic[0] else found
+
+    def border_points(self, name: str) -> BorderPoints:
+        """Return the points of a border where it crosses the lines of the grid, in order along it, with their errors.
+
+        Parameters
+        ----------
+        name
+            "smooth" (smooth running is lost) or "sticking" (existing stick-slip ends).
+
+        Returns
+        -------
+        BorderPoints
+            The points and their errors in SI. `print` shows them, and `to_csv` writes them, in the units in which the
+            ranges were typed.
+
+        Raises
+        ------
+        SceneError
+            If there is no border of that name.
+
+        Examples
+        --------
+        >>> from controllers import HeldSpeed
+        >>> from models import DiscBrake
+        >>> from toolbox import closed_loop, compose, severity_map
+        >>> bench = closed_loop(compose(DiscBrake()), HeldSpeed())
+        >>> found = severity_map(bench, {"disc.reference": ("10 rpm", "40 rpm"), "brake.force": ("0.5 kN", "2 kN")}, shape=(3, 2), halvings=2)
+        >>> points = found.border_points("smooth")
+        >>> print(points.points.shape, points.errors.max() < 1e-3)
+        (3, 2) True
+        """
+        self._check_border(name)
+        segments = self.borders[name]
+        errors = self.border_errors.get(name, np.full(segments.shape, np.nan))
+        lines = lines_of(segments)
+        return BorderPoints(
+            name=name,
+            names=self.names,
+            units=self.units,
+            points=np.concatenate([np.empty((0, 2)), *lines]),
+            errors=np.concatenate([np.empty((0, 2)), *_along(errors, lines)]),
+            line=np.repeat(np.arange(len(lines)), [len(line) for line in lines]),
+            display_units=self.display_units,
+        )
+
+    def _check_border(self, name: str) -> None:
+        """Raise SceneError unless there is a border of that name."""
+        if name not in self.borders:
+            raise SceneError(f"There is no border `{name}`: {suggest(name, self.borders)}")
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the severity from smooth running and from stick-slip side by side, with all borders
@@ -239,33 +302,32 @@ class SeverityMap(Told, Result):
         return severity_panels(self, axes)
 
     def _table(self) -> HeadedRows:
-        """One row per point of the map: both numbers, the region, and severity, interval and growth."""
+        """One row per point of the map: both numbers in the units that were typed, the region, and severity, interval and growth."""
         region = np.full(self.growth.shape, "none", dtype=object)
         for name, where in self.regions.items():
             region[where] = name
         arrays_of = [self.smooth.severity, self.smooth.interval, self.sticking.severity, self.sticking.interval, self.growth]
+        axes, units = zip(*(typed(axis, unit, self.display_units) for axis, unit in zip(self.axes, self.units, strict=True)), strict=True)
         rows: list[list[object]] = [
             [float(x), float(y), region[i, j], *(float(array[i, j]) for array in arrays_of)]
-            for i, x in enumerate(self.axes[0])
-            for j, y in enumerate(self.axes[1])
+            for i, x in enumerate(axes[0])
+            for j, y in enumerate(axes[1])
         ]
-        headings = [*map(heading, self.names, self.units), "region"]
+        headings = [*map(heading, self.names, units), "region"]
         headings += [f"{branch} {name}" for branch in ("smooth", "sticking") for name in ("severity", "interval [s]")]
         return [*headings, "growth [1/s]"], rows
 
     def save_borders(self, path: str | Path) -> Path:
-        """Write the borders as csv in SI units, atomically: one row per segment with the border and both numbers at both ends.
+        """Write the points of both borders as csv, atomically, in the units in which the ranges were typed: one row per
+        point with the border, the line of the border to which the point belongs, and both numbers with their errors.
 
         Parameters
         ----------
         path
             Path of the file.
         """
-        rows: list[list[object]] = [
-            [BORDERS[name], *map(float, np.ravel(segment))] for name, segments in self.borders.items() for segment in segments
-        ]
-        ends = [f"{heading(name, unit)} at {end}" for end in ("begin", "end") for name, unit in zip(self.names, self.units, strict=True)]
-        return tables.write(path, ["border", *ends], rows)
+        both = [self.border_points(name)._table() for name in self.borders]
+        return tables.write(path, both[0][0], [row for _, rows in both for row in rows])
 
     @classmethod
     def _earlier(cls, found: Mapping[str, np.ndarray]) -> Mapping[str, Any]:
@@ -285,6 +347,8 @@ class SeverityMap(Told, Result):
 
     def check_loaded(self) -> None:
         """Raise ValueError if arrays, borders or failures do not fit the grid."""
+        if any(self.border_errors[name].shape != self.borders[name].shape for name in self.border_errors):
+            raise ValueError("its errors do not fit its borders")
         grid = ("rows", "columns")
         found = {"growth": self.growth} | {f"axis.{k}": axis for k, axis in enumerate(self.axes)}
         shapes: dict[str, Shape] = {"axis.0": ("f", "rows"), "axis.1": ("f", "columns"), "growth": ("f", *grid)}
@@ -299,6 +363,77 @@ class SeverityMap(Told, Result):
             raise ValueError("it has an error of a run that it does not have")
 
 
+@dataclass(frozen=True)
+class BorderPoints(Told, Result):
+    """Points of one border of a severity map, the result of `SeverityMap.border_points`. `print(points)` shows them.
+
+    Attributes
+    ----------
+    name
+        "smooth" or "sticking".
+    names, units
+        Names and SI units of the two numbers of the map.
+    points
+        The points in SI, shape (n, 2), in order along every line of the border.
+    errors
+        Half the width of the interval in which each point lies, in SI, shape (n, 2). The number that a line of the grid
+        keeps has the error 0. nan in a map of an earlier version.
+    line
+        Index of the line to which each point belongs, shape (n,): a border may have several separate lines.
+    display_units
+        {SI unit: unit that was typed}: the units of the printed table and of the file.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, severity_map
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> ranges = {"top.reference": ("40 rpm", "120 rpm"), "bit.weight": ("60 kN", "100 kN")}
+    >>> points = severity_map(loop, ranges, shape=(3, 3), halvings=1).border_points("sticking")
+    >>> print(points)
+    Border of the map: existing stick-slip ends
+      top.reference [rpm]  +-  bit.weight [kN]  +-
+                       90  10              100   0
+                       80   0               95   5
+                       70  10               80   0
+                       50  10               60   0
+    """
+
+    name: str
+    names: tuple[str, str]
+    units: tuple[str, str]
+    points: FloatArray
+    errors: FloatArray
+    line: np.ndarray
+    display_units: Mapping[str, str] = field(default_factory=dict)
+
+    def _told(self) -> list[str | Rows]:
+        read = [reading(unit, self.display_units) for unit in self.units]
+        head = [text for name, each in zip(self.names, read, strict=True) for text in (heading(name, each.unit), "+-")]
+        if not len(self.points):
+            return [f"Border of the map: {BORDERS[self.name]}", "  not in the map"]
+        factors = [each.factor for each in read]
+        cells = np.stack([self.points * factors, self.errors * factors], axis=2).reshape(-1, 4)
+        cells[:, 1::2] = np.where(cells[:, 1::2] < EXACT_BELOW * np.abs(cells[:, ::2]), 0.0, cells[:, 1::2])
+        rows = [[f"{value:.6g}" if k % 2 == 0 else f"{value:.2g}" for k, value in enumerate(row)] for row in cells]
+        return [f"Border of the map: {BORDERS[self.name]}", Rows([head, *rows], ())]
+
+    __repr__ = Told.__str__
+
+    def _table(self) -> HeadedRows:
+        """One row per point: the border, its line, and both numbers with their errors in the units that were typed."""
+        columns: list[np.ndarray] = []
+        headings = ["border", "line"]
+        for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            for what, values in ((name, self.points[:, k]), (f"+- {name}", self.errors[:, k])):
+                shown, shown_in = typed(values, unit, self.display_units) if len(values) else (values, self.display_units.get(unit, unit))
+                columns.append(shown)
+                headings.append(heading(what, shown_in))
+        cells = np.stack(columns, axis=1).tolist()
+        return headings, [[BORDERS[self.name], int(line), *row] for line, row in zip(self.line, cells, strict=True)]
+
+
 @takes_loop
 def severity_map(
     loop: ClosedLoop,
@@ -309,6 +444,7 @@ def severity_map(
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
     halvings: int = 3,
+    logarithmic: Sequence[str] = (),
     executor: concurrent.futures.Executor | None = None,
     checkpoint: str | Path | None = None,
 ) -> SeverityMap:
@@ -341,6 +477,9 @@ def severity_map(
     halvings
         Number of bisections of each grid edge that crosses a border, from 0 to 20, by default 3. Each bisection halves
         the error of the border.
+    logarithmic
+        Names of the numbers whose values are spaced by their logarithm, with many values near the lower end of the
+        range. The range of such a number must be positive. By default none.
     executor
         Any `concurrent.futures.Executor`, such as the executor of a Dask client (`client.get_executor()`). It computes
         the runs from the points of the grid. By default one thread per core.
@@ -377,9 +516,9 @@ def severity_map(
     shape = (rows, columns)
     whole("halvings", halvings, 0, 20)
     check_executor(executor)
-    plane = Plane.of(loop, ranges)
+    plane = Plane.of(loop, ranges, logarithmic)
     steady = steady_plane(loop, plane, mode, guess)
-    axes = tuple(np.linspace(*ends, n) for ends, n in zip(plane.ranges, shape, strict=True))
+    axes = tuple(np.linspace(low, high, n) for (low, high), n in zip(plane.ends.tolist(), shape, strict=True))
     places = [plane.place(point) for point in grid(dict(zip(plane.names, axes, strict=True))).points]
     learn: Callable[[Sequence[complex]], None] = (lambda _: None) if steady is None else steady.learn
     search = map_runs(loop, plane, steady, places, duration)
@@ -391,6 +530,7 @@ def severity_map(
             "mode": mode,
             "guess": guess,
             "halvings": halvings,
+            **({"logarithmic": [*plane.logarithmic]} if any(plane.logarithmic) else {}),
         }
         folder_of(Path(checkpoint))
         search.journal = Journal(Path(checkpoint) / "runs.jsonl", fingerprints(search.base, plane.names, **asked), is_run)
@@ -409,26 +549,29 @@ def severity_map(
     lost, sticks = np.where(decided[0], branches[0].verdict != SMOOTH, growth > 0.0), branches[1].verdict == STICK_SLIP
     edges = [edges_of(axes, lost, decided[0] | np.isfinite(growth)), edges_of(axes, sticks, decided[1])]
     with progress_bar(None, "map, borders") as search.bar:
-        borders = {
-            "smooth": edges[0].segments(_losses(search, plane, edges[0], halvings, learn)),
-            "sticking": edges[1].segments(front.halved(edges[1], halvings, learn)),
-        }
+        losses = _losses(search, plane, edges[0], halvings, learn)
+        ends = front.halved(edges[1], halvings, learn), edges[1].errors(0.5**halvings)
+    crossings = {name: [each.segments(part) for part in both] for name, each, both in zip(BORDERS, edges, (losses, ends), strict=True)}
     found = SeverityMap(
         title=loop.title,
         names=plane.names,
         units=(plane.numbers[0].unit, plane.numbers[1].unit),
-        axes=axes,  # type: ignore[arg-type]
+        axes=tuple(plane.in_si(np.stack([axis, axis], axis=-1))[..., k] for k, axis in enumerate(axes)),  # type: ignore[arg-type]
         element=search.element,
         signal=search.signal,
         smooth=branches[0],
         sticking=branches[1],
         growth=growth,
-        borders=borders,
+        borders={name: plane.in_si(places) for name, (places, _) in crossings.items()},
         duration=search.budget * search.period,
         accuracy=search.base.accuracy,
         resolution=0.5**halvings,
         runs=search.runs,
         situation=str(situation_of(loop)),
+        logarithmic=plane.logarithmic,
+        border_errors={
+            name: 0.5 * (plane.in_si(places + width) - plane.in_si(places - width)) for name, (places, width) in crossings.items()
+        },
         notes=tuple(_notes(search, (smooth, inside))),
         nominal_point=(plane.numbers[0].value, plane.numbers[1].value),
         display_units={
@@ -457,8 +600,8 @@ def _side(judged: Sequence[Judged], shape: tuple[int, int]) -> MapSide:
 
 def _losses(
     search: JudgedRuns[complex], plane: Plane, edges: Edges, halvings: int, learn: Callable[[Sequence[complex]], None]
-) -> np.ndarray:
-    """Where smooth running is lost on every edge: where its growth changes its sign, else by runs."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where smooth running is lost on every edge, and the errors: where its growth changes its sign, else by runs."""
 
     def rates(points: np.ndarray) -> np.ndarray:
         places = [plane.place(point) for point in points]
@@ -473,12 +616,21 @@ def _losses(
         ends = [plane.place(point) for point in both]
         if any(math.isnan(search.branch.rate(end)) for end in ends):
             with contextlib.suppress(SimulationError):  # where growth is known on no two sides, runs tell
-                low[k], high[k] = map(plane.point, search.branch.bracket(*ends))
-    roots = Edges(low, high, edges.cells).roots(rates, 0.1 * 0.5**halvings if search.base.system.updates else EXACT)[:, None]
-    places = low + np.nan_to_num(roots) * (high - low)
+                points = np.array([plane.point(end) for end in search.branch.bracket(*ends)])
+                low[k], high[k] = coordinates(points, plane.logarithmic)
+    bracketed, precision = Edges(low, high, edges.cells), 0.1 * 0.5**halvings if search.base.system.updates else EXACT
+    roots = bracketed.roots(rates, precision)[:, None]
+    places, errors = low + np.nan_to_num(roots) * (high - low), 2.0 * bracketed.errors(precision)
     rest = np.isnan(roots[:, 0])
     places[rest] = Edges(edges.low[rest], edges.high[rest], edges.cells[:0]).halved(lost, halvings)
-    return places
+    errors[rest] = edges.errors(0.5**halvings)[rest]
+    return places, errors
+
+
+def _along(segments: np.ndarray, lines: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """What belongs to both ends of segments in order, shape (k, 2, 2), as rows of the points of each line that they make (`lines_of`)."""
+    parts = np.split(segments, np.cumsum([len(line) - 1 for line in lines])[:-1]) if lines else []
+    return [np.vstack([part[:1, 0], part[:, 1]]) for part in parts]
 
 
 def _notes(search: JudgedRuns[complex], rows: Sequence[Sequence[Judged]]) -> list[str]:

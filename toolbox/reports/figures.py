@@ -23,7 +23,7 @@ SHOWN = {"_phase": "phase plane", "_margins": "margins", "_error": "smallest err
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of a page: its bytes, their kind, and what it shows."""
+    """A figure of a page: its bytes, their kind, and its caption."""
 
     content: bytes
     kind: str

@@ -107,7 +107,7 @@ class Findings:
         return list(dict.fromkeys(label for outcomes in self.cases.values() for label in outcomes))
 
     def lost(self, label: str) -> list[str]:
-        """Cases in which a controller fails, with its verdict there."""
+        """Return the cases in which a controller fails, each with the verdict."""
         failed = {head: of[label] for head, of in self.cases.items() if label in of and of[label].held < of[label].runs}
         return [each.why if len(self.cases) == 1 else f"{head}: {each.why}" for head, each in failed.items()]
 

@@ -45,9 +45,10 @@ from toolbox.tuning.results import Tuned
 
 @dataclass(frozen=True)
 class Kind:
-    """What one command writes: the file that tells of it, what it is called, its figure, and how its answer and its verdicts are read from the folder.
+    """Output of a command: the file that identifies it, its name, its figure, and functions that read its answer and its verdicts from the
+    folder.
 
-    beside: names of other figures that stand beside the answer.
+    beside: names of other figures that are shown with the answer.
     """
 
     mark: str

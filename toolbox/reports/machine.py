@@ -19,8 +19,8 @@ LABELLED = 8
 
 
 def usual_units(loop: ClosedLoop | None) -> contextlib.AbstractContextManager[Any]:
-    """The units in which a page reads, where none were chosen: metric ones (rpm, kN, kN m) of a string that is driven on top, and where there is no machine;
-    else those that were typed, or SI."""
+    """Return a context with the usual units of a page, if none were chosen: metric units (rpm, kN, kN m) for a string driven at the top and
+    for a page without a machine, else the typed units or SI."""
     driven = loop is None or loop.plant.has_signal("top.speed")
     return use_units("metric") if chosen() is None and driven else contextlib.nullcontext()
 
@@ -85,7 +85,8 @@ def _joined(values: Sequence[float]) -> str:
 
 # ----------------------------------------------------------------------------------------------------------------------------------------- sketch
 def sketch(loop: ClosedLoop) -> str:
-    """The string as an SVG: its inertias from the top to the bit, as wide as they are heavy; empty where the plant has no string."""
+    """Return the string as an SVG. Its inertias stand from the top to the bit, wider for a larger inertia. Empty if the plant has no
+    string."""
     heavy = _inertias(loop)
     if len(heavy) < 2:
         return ""

@@ -61,7 +61,7 @@ class Section:
 
 
 def of_result(result: Any) -> Section:
-    """The section of a result that prints itself, and plots itself where it can.
+    """Return the section of a result that can print itself, with its plot if it has one.
 
     Raises SceneError for what is no result.
     """

@@ -17,7 +17,7 @@ PATIENCE = 300.0
 
 
 def printed(page: str) -> bytes:
-    """The PDF of a page. Raises SceneError where nothing that prints is installed, or what is there fails."""
+    """Return a page as PDF. SceneError is raised if no program for PDF is installed, or if it fails."""
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is not None:
         return _by_browser(browser, page)

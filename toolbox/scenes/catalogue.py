@@ -43,10 +43,10 @@ class Entry:
 
     @property
     def summary(self) -> str:
-        """First line of the docstring of the class, or the class of a ready-made part."""
+        """First paragraph of the docstring of the class, or the class of a ready-made part."""
         if not isinstance(self.item, type):
             return f"ready-made {type(self.item).__name__}"
-        return (self.item.__doc__ or "").strip().partition("\n")[0]
+        return " ".join((self.item.__doc__ or "").strip().partition("\n\n")[0].split())
 
     @property
     def parameters(self) -> list[tuple[str, str, Any, str]]:

@@ -68,7 +68,8 @@ KEYS: dict[str, tuple[Key, ...]] = {
     "[start]": (Key("<state>", "of the state", "0", "value of a state at the beginning"),),
     "[inputs]": (
         Key("<signal>", "of the signal", "its default", "a number, or { ramp = { start, end, begin, finish } }, likewise step, sine, noise, sweep, square, "
-            "triangle, table = { times, values }; for an input of the plant, a parameter that changes in time, or what all laws ask for, such as a set-point"),
+            "triangle, start_up, table = { times, values }; for an input of the plant, "
+            "a parameter that changes in time, or what all laws ask for, such as a set-point"),
     ),
     "[parameters]": (Key("<name>", "of the parameter", "as declared", "value of a parameter where the machine is not what the controllers are designed for"),),
     "[verdict]": (

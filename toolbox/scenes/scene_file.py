@@ -27,7 +27,7 @@ from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import FrictionLaw
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.inputs import UNITS
+from toolbox.modelling.inputs import OPTIONAL, UNITS
 from toolbox.modelling.laws import Controller, designed
 from toolbox.modelling.observers import Observer
 from toolbox.scenes import catalogue, keys
@@ -417,7 +417,7 @@ def _input(value: Any, name: str, unit: str) -> float | Waveform:
         raise SceneError(f"Argument `{name}` must be a number or one of {', '.join(f'`{s}`' for s in _SHAPES)}, but it is {value!r}.")
     units = _SHAPES[shape]
     where = f"{name}.{shape}"
-    _keys(value[shape], where, tuple(units), [key for key in units if key != "phase"])
+    _keys(value[shape], where, tuple(units), [key for key in units if key not in OPTIONAL.get(shape, ())])
     if shape == "table":
         for key, entries in value[shape].items():
             if not isinstance(entries, list):

@@ -69,7 +69,7 @@ def simulate(
           at this time is listed in one of the two runs only.
     inputs
         {signal, or parameter of the plant that changes in time: value}. A value is a number, text with a unit, a table
-        (times, values), a shape of `toolbox.inputs` (`step`, `ramp`, `sine`, `noise`, `square`, `triangle`,
+        (times, values), a shape of `toolbox.inputs` (`step`, `ramp`, `sine`, `noise`, `square`, `triangle`, `start_up`,
         `inputs.sweep`), or a casadi expression of `toolbox.time`. By default every input has the default value of its
         part.
     parameters

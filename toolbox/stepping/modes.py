@@ -25,6 +25,19 @@ SEEN = 2e-9
 """How far a guard must have passed zero, in parts of its size, to have been passed: more than events are located to."""
 
 
+RESIDUE = 10.0
+"""How much larger the round-off of the rate at an open contact may be than that of contacts that hold each other beside it."""
+
+
+def _residue(w):
+    """The round-off of rates that `probe` has left in `z`, in parts of what bounds make: those of contacts that hold are zero but for it."""
+    ne, most = w.ints[layout.NE], 0.0
+    for i in range(ne):
+        if w.zero[i] and w.m[i] == 0.0 and w.lever[i] != 1:
+            most = max(most, min(abs(w.z[ne + i]), 1e-11 * abs(w.z[4 * ne + i])) / max(abs(w.z[4 * ne + i]), 1e-300))
+    return RESIDUE * most
+
+
 def modes_consistent(w, t, change, one):
     """Return whether the modes of the elements marked in `zero` agree with the forces. `change` corrects wrong modes: all, or only the
     first from element `one` on."""
@@ -41,7 +54,7 @@ def modes_consistent(w, t, change, one):
             if (
                 force <= (w.m_other[ne] if hands_over else 0.0)
                 if w.m[i] == 0.0
-                else rate <= abs(pace) * max(1e-9 * w.guard_scale[2 * i + w.ints[layout.NG]], ZERO_RATE * abs(static))
+                else rate <= abs(pace) * max(1e-9 * w.guard_scale[2 * i + w.ints[layout.NG]], ZERO_RATE * abs(static), _residue(w))
             ):
                 continue  # released where its force is zero, it may seem to close by the round-off of that zero
             right = 1.0 - w.m[i]
@@ -331,6 +344,8 @@ def fire(w, t, again):
         strike = strike or (w.kind[i] == layout.RIGID and w.before[i] != 0.0 and w.fired[2 * i])
     if strike:
         impact(w, t)
+        if w.ints[layout.COUPLED] == 1 and _closes(w):
+            _rest_with_others(w, t)
     else:
         _come_to_rest(w, t, again)
         _release(w)
@@ -381,6 +396,14 @@ def _come_to_rest(w, t, again):
         project(w, t)
     if rests and w.ints[layout.COUPLED] == 1:
         _rest_with_others(w, t)
+
+
+def _closes(w):
+    """Whether a contact that has just struck stays closed, which ends the slips of the bodies that it holds."""
+    closes = False
+    for i in range(w.ints[layout.NE]):
+        closes = closes or (w.struck[i] and w.zero[i])
+    return closes
 
 
 def _rest_with_others(w, t):

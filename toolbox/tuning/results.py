@@ -38,7 +38,8 @@ class Free:
         return self.low > 0 and self.high >= 10 * self.low
 
     def number(self, place: float) -> float:
-        """The number at a place between 0 and 1 of the range, rounded to six digits: what is printed is what was simulated."""
+        """Return the number at a place between 0 and 1 of the range, rounded to six digits. The printed number is therefore the simulated
+        number."""
         place = min(max(place, 0.0), 1.0)
         value = self.low * (self.high / self.low) ** place if self.logarithmic else self.low + (self.high - self.low) * place
         return min(max(float(f"{value:.6g}"), self.low), self.high)
@@ -320,7 +321,7 @@ NOTHING = "Nothing was found: no point has finite objectives."
 
 
 def counted_over(trial: Trial, over: Callable[[Sequence[float]], float]) -> tuple[float, ...]:
-    """Every objective of a trial over its scenes; inf where one of them has none."""
+    """Return every objective of a trial over its scenes; inf if a scene has no value of the objective."""
     each = zip(*trial.values, strict=True)
     return tuple(float(over(list(values))) if all(map(math.isfinite, values)) else math.inf for values in each)
 

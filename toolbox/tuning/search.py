@@ -61,7 +61,7 @@ def trial_objectives(
 
 
 def is_result(kept: Any, scenes: int, objectives: int) -> bool:
-    """Whether what a journal holds is the result of one point: a row of objectives for each scene, and why each failed."""
+    """Return whether an entry of a journal is the result of a point: a row of objectives and a reason of failure for each scene."""
     rows, failures = (kept.get("values"), kept.get("failures")) if isinstance(kept, dict) else (None, None)
     if not isinstance(rows, list) or not isinstance(failures, list) or not len(rows) == len(failures) == scenes:
         return False
@@ -85,12 +85,12 @@ class TuningSearch:
         self.bar: Any = None
 
     def given(self) -> Trial:
-        """The law as it is; what is wrong with it is the user's to know."""
+        """Return the trial of the given law. Its errors are raised, for the user."""
         return self.tried([tuple(each.given for each in self.free)], strict=True)[0]
 
     @property
     def start(self) -> np.ndarray | None:
-        """The place of the given law in the cube; None where it is outside or leaves a number to `design`."""
+        """Place of the given law in the cube; None if the law is outside of the cube or leaves a number to `design`."""
         if any(each.given is None for each in self.free):
             return None
         z = np.array([each.place(each.given) for each in self.free])  # type: ignore[arg-type]
@@ -102,7 +102,8 @@ class TuningSearch:
         return np.minimum([counted_over(trial, self.over) for trial in self.tried(points)], WORST)
 
     def tried(self, points: Sequence[tuple[float | None, ...]], strict: bool = False) -> list[Trial]:
-        """The trials of points, in their order; all that are new at once where there is an executor. Raises Spent behind the last that may be tried."""
+        """Return the trials of points, in their order. New points are simulated together if there is an executor. Spent is raised after the
+        last allowed trial."""
         known = self.journal.known if self.journal is not None else {}
         fresh = list(dict.fromkeys(numbers for numbers in points if numbers not in self.trials))[: self.runs - len(self.trials)]
         found = self._evaluated([numbers for numbers in fresh if numbers not in known], strict)
@@ -147,7 +148,7 @@ def _sample(search: TuningSearch, size: int, seed: int) -> np.ndarray:
 
 
 def smallest(search: TuningSearch, seed: int) -> None:
-    """One objective: differential evolution, then Nelder-Mead with what is left."""
+    """Minimise a single objective by differential evolution, then by Nelder-Mead with the remaining runs."""
     from scipy.optimize import differential_evolution
 
     n = len(search.free)

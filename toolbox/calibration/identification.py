@@ -21,17 +21,15 @@ from typing import Any
 import numpy as np
 
 from toolbox.calibration.beginnings import body_of, is_hardly_told, levels_of
-from toolbox.calibration.channels import TIMES, heading_for, source_of
 from toolbox.calibration.force_noise import force_noise
 from toolbox.calibration.holds import EVIDENCE, fitted_evidence
 from toolbox.calibration.identified import Identification, drag_unit, fitted_part, friction_over_speed, with_derived
 from toolbox.calibration.motion import Curve, Guess, Run, first_guess, friction_points, is_one_speed, runs_of, stribeck_guess, together
-from toolbox.calibration.recording import Recording, read_channels
+from toolbox.calibration.recording import EVERY_KIND, Recording, read_motion_or_points
 from toolbox.calibration.results import Fit
 from toolbox.calibration.told_fit import EXPERIMENTS, hardly_told, holds_nothing, told_fit
 from toolbox.calibration.windows import MeasuredContact, Search, Window, own_name
-from toolbox.errors import SceneError, SimulationError, joined
-from toolbox.logs.grids import Column
+from toolbox.errors import SceneError, SimulationError
 from toolbox.messages import LOG, progress_bar
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
@@ -39,8 +37,8 @@ from toolbox.modelling.laws import names as names_of
 from toolbox.scenes.catalogue import part as offered
 from toolbox.vocabulary import new_names_only
 
-EVERY_KIND = ("clipped", "drop-out", "reversed", "outlier")
-"""Flaws of samples over time, which steady points have not."""
+Begins = Callable[[Fit | None], list[Any]]
+"""Parts at which the search of a friction law begins, by the fit of the simpler law."""
 
 STRIBECK = "a Stribeck curve"
 """Name of the richest law."""
@@ -134,7 +132,7 @@ def identify(
     }
     part = dataclasses.replace(part, **{name: there for name, there in changes.items() if there})
     system = compose(part)
-    read = [_read(each, system, part, columns, accepted_flaws) for each in given]
+    read = [read_motion_or_points(each, system, part, columns, accepted_flaws) for each in given]
     steady = [recording for recording, is_steady in read if is_steady]
     moving = [recording if zero_order_hold is None else recording.holding([name for name in names_of(zero_order_hold) if name in recording.signals])
               for recording, is_steady in read if not is_steady]  # fmt: skip
@@ -158,35 +156,6 @@ def _described(recording: Recording, part: Any) -> str:
     force, steady = (f"{part.signal_prefix}.{name}" for name in (part.force_name, "resistance"))
     without = f"\n  it has no `{force}`, which counts as 0 in it"
     return f"{recording}{'' if force in recording.signals or steady in recording.signals else without}"
-
-
-def _read(
-    data: Any, system: Any, part: Any, columns: Mapping[str, str | Sequence[str]] | None, keep: Sequence[str]
-) -> tuple[Recording, bool]:
-    """(recording, whether it holds steady points). Of the columns that are named those count that the recording has."""
-    if isinstance(data, Recording):
-        return data, False
-    typed = {signal: names_of(labels) for signal, labels in (columns or {}).items()}
-    source, where, name = source_of(data, system, {signal: labels[0] for signal, labels in typed.items()} or None, None)
-    headings = [column.name for column in source.columns]
-    heads = {" ".join(each.split()).casefold() for each in headings}
-    labels = [label for own in typed.values() for label in own]
-    found = {signal: [label for label in own if heading_for(label, headings, labels) is not None] for signal, own in typed.items()}
-    there = {signal: own[0] for signal, own in found.items() if own}
-    if typed and not there:
-        raise SceneError(f"{where} must have a column that `columns` names, but it has {joined(headings)}.")
-    timed = "time" in there or source.index is not None or any(each in heads for each in TIMES)
-    if timed:
-        return read_channels((source, where, name), system, there or None if columns else None, (), keep), False
-    force, resistance = f"{part.signal_prefix}.{part.force_name}", f"{part.signal_prefix}.resistance"
-    label = there.pop(force, None)
-    there |= {} if label is None else {resistance: label}
-    for k, column in enumerate(source.columns):
-        if not columns and column.name == force:
-            source.columns[k] = dataclasses.replace(column, name=resistance)
-    size = int(np.size(source.columns[0].cells))
-    source.columns.append(Column("time", "s", list(range(size))))
-    return read_channels((source, where, name), system, {**there, "time": "time"} if columns else None, (), EVERY_KIND), True
 
 
 class _Work:
@@ -295,7 +264,7 @@ class _Work:
             return [dataclasses.replace(part, friction=each_way(sides), **fields), *old(simple)]
 
         old = near(lambda level: stribeck(1.6 * level, level, about.speed))
-        laws: dict[str, Callable[[Fit | None], list[Any]]] = {
+        laws: dict[str, Begins] = {
             "dry and viscous friction": near(lambda level: one(level, 0.0))
             if friction is None
             else lambda _: [dataclasses.replace(part, friction=friction)],
@@ -315,6 +284,15 @@ class _Work:
             untold |= dict.fromkeys(
                 alike, f"all motion is at one speed, so all friction is dry here. To tell it, {EXPERIMENTS['viscous']}."
             )
+        found = self._richest_first(laws, curved, old, curve, body, fixed, confidence)
+        if self.body_lost and body not in fixed:
+            return self.simplest(friction, directions, given, confidence)
+        return self._result(found[0], {**untold, **found[1]})
+
+    def _richest_first(
+        self, laws: Mapping[str, Begins], curved: Begins, old: Begins, curve: Any, body: str, fixed: Sequence[str], confidence: float
+    ) -> tuple[Fit, dict[str, str]]:
+        """The Stribeck curve where the data tell it clearly, else the simplest law; with the reasons of untold numbers."""
         rich = None
         if curve is not None and curve.gain > CLEAR:
             with contextlib.suppress(SceneError, SimulationError):
@@ -331,13 +309,11 @@ class _Work:
             if not (self.body_lost or found[0].white):  # another begin, which may lead to a better Stribeck curve
                 best = rich if self._is_better(found[0], rich[0]) else found
                 found = self._searched({STRIBECK: lambda _: levels}, body, fixed, confidence, best)
-        if self.body_lost and body not in fixed:
-            return self.simplest(friction, directions, given, confidence)
-        return self._result(found[0], {**untold, **found[1]})
+        return found
 
     def _searched(
         self,
-        laws: Mapping[str, Callable[[Fit | None], list[Any]]],
+        laws: Mapping[str, Begins],
         body: str,
         fixed: Sequence[str],
         confidence: float,

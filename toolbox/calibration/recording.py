@@ -10,19 +10,22 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import mapping, number
-from toolbox.calibration.channels import chosen, numbers_of, scalar_unit, size_of, source_of, times_of
-from toolbox.errors import SceneError, suggest
+from toolbox.calibration.channels import TIMES, chosen, heading_for, numbers_of, scalar_unit, size_of, source_of, times_of
+from toolbox.errors import SceneError, joined, suggest
 from toolbox.files.printing import columns as lines_of
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.units import NumberOrText
 from toolbox.logs.flaws import KINDS, NULLS, Flaw, below_zero, increasing, is_null, local_spacing, marked, spacing, without_strays
-from toolbox.logs.grids import Source
+from toolbox.logs.grids import Column, Source
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import names as names_of
 
 JUMP, LEAST_JUMP = 10.0, 0.02
 """Change from one sample to the next, at least, that is a jump: as a multiple of the usual change, and as a fraction of the range."""
+
+EVERY_KIND = ("clipped", "drop-out", "reversed", "outlier")
+"""Flaws of samples over time, which steady points have not."""
 
 BESIDE = 0.3
 """Change before and after a jump, at most, as a fraction of the jump."""
@@ -567,3 +570,32 @@ def _flaws_of(signal: str, time: np.ndarray, values: np.ndarray, raw: np.ndarray
         flaws.append(Flaw(signal, kind, time[places], values[places].copy()))
         values[places] = np.nan
     return flaws
+
+
+def read_motion_or_points(
+    data: Any, system: Any, part: Any, columns: Mapping[str, str | Sequence[str]] | None, keep: Sequence[str]
+) -> tuple[Recording, bool]:
+    """Return the recording of an axis, and whether it holds steady points. Named columns that it does not have are left out."""
+    if isinstance(data, Recording):
+        return data, False
+    typed = {signal: names_of(labels) for signal, labels in (columns or {}).items()}
+    source, where, name = source_of(data, system, {signal: labels[0] for signal, labels in typed.items()} or None, None)
+    headings = [column.name for column in source.columns]
+    heads = {" ".join(each.split()).casefold() for each in headings}
+    labels = [label for own in typed.values() for label in own]
+    found = {signal: [label for label in own if heading_for(label, headings, labels) is not None] for signal, own in typed.items()}
+    there = {signal: own[0] for signal, own in found.items() if own}
+    if typed and not there:
+        raise SceneError(f"{where} must have a column that `columns` names, but it has {joined(headings)}.")
+    timed = "time" in there or source.index is not None or any(each in heads for each in TIMES)
+    if timed:
+        return read_channels((source, where, name), system, there or None if columns else None, (), keep), False
+    force, resistance = f"{part.signal_prefix}.{part.force_name}", f"{part.signal_prefix}.resistance"
+    label = there.pop(force, None)
+    there |= {} if label is None else {resistance: label}
+    for k, column in enumerate(source.columns):
+        if not columns and column.name == force:
+            source.columns[k] = replace(column, name=resistance)
+    size = int(np.size(source.columns[0].cells))
+    source.columns.append(Column("time", "s", list(range(size))))
+    return read_channels((source, where, name), system, {**there, "time": "time"} if columns else None, (), EVERY_KIND), True

@@ -47,8 +47,8 @@ class Lifting(Controller):
        set-point at `lower_rate`.
     4. Relapse. If stick-slip is detected during the return, or within 54 periods after it, L rises to the value at
        which stick-slip ended before. After n relapses L returns 1 + n^2 / 2 times more slowly.
-    5. Give up. L returns, and is not raised again until the set-point changes by 5 %. The controller gives up in these
-       cases:
+    5. Give up. L returns, and is not raised again until the set-point changes by 5 %, or until `retry_time` has passed.
+       The controller gives up in these cases:
 
     - at relapse number `max_attempts`, if L had reached the set-point again before it;
     - at relapse number `max_attempts` + 1 in any case;
@@ -122,6 +122,9 @@ class Lifting(Controller):
     raise_rate: Quantity = quantity(0.5, "rad/s2", "rate at which the set-point is raised", above=0)
     lower_rate: Quantity = quantity(0.3, "rad/s2", "rate at which the raised set-point is lowered", above=0)
     max_attempts: Quantity = quantity(2.0, "1", "number of relapses until the controller gives up", at_least=0)
+    retry_time: OptionalQuantity = quantity(
+        None, "s", "time after giving up at which the set-point may be raised again; never unless given", above=0
+    )
     speed_limit_factor: OptionalQuantity = quantity(
         None, "1", "top speed above which the torque is reduced, as a multiple of the set-point; no limit unless given", above=1
     )
@@ -197,6 +200,9 @@ class Lifting(Controller):
         slow *= turn * wanted > nothing  # a string that is to stop, or to turn back, dips by right
         dip, stop = (armed > 0.5) * slow, slow * (armed <= -STUCK)
         quiet = (gave_up > nothing) * (ca.fabs(size - gave_up) <= CHANGED * gave_up)
+        waited = None if self.retry_time is None else state("lifting.waited", "s")
+        if waited is not None:
+            quiet *= waited < self.retry_time
         watches = (watch > period) * ((gave_up <= nothing) + quiet)
         evidence = (dip + stop > 0.5) * (left > 0.0) * (1.0 - quiet)
         up, most = level > nothing, (self.max_factor - 1.0) * size
@@ -236,6 +242,8 @@ class Lifting(Controller):
             relapses: ca.if_else(watches, relapses + relapse, 0.0),
             lifts: ca.if_else(lifts > 0.5, lifts, 0.0) + lifts_now * (1.0 - up),
         }
+        if waited is not None:
+            memory[waited] = quiet * (waited + period)
         outputs = {**inside.outputs, "lifting.reference": (turn * lifted, "rad/s")}
         if self.speed_limit_factor is not None:
             drive, unit = inside.outputs["top.torque"]

@@ -100,7 +100,7 @@ class PID(Controller):
 
     def continuous(self, signal):
         y, error = self._read(signal)
-        integral, slow = state("pid.integral", "1"), state("pid.filtered", "1")
+        integral, slow = state("pid.error_integral", "1"), state("pid.filtered", "1")
         rate = (y - slow) / self.filter_time if self.derivative is not None else 0.0
         wanted, u = self._command(error, integral, rate)
         flow = {integral: TorqueLimits.led_back(error, wanted, u, self.proportional)}
@@ -110,7 +110,7 @@ class PID(Controller):
 
     def sampled(self, signal, period):
         y, error = self._read(signal)
-        integral, slow, started = state("pid.integral", "1"), state("pid.filtered", "1"), state("pid.started", "1")
+        integral, slow, started = state("pid.error_integral", "1"), state("pid.filtered", "1"), state("pid.started", "1")
         before = ca.if_else(started < 0.5, y, slow)
         rate = (y - before) / (self.filter_time + period) if self.derivative is not None else 0.0
         wanted, u = self._command(error, integral, rate)

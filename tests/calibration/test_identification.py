@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from models import Coulomb, GaussianStribeck, Joint, Viscous
-from toolbox import SceneError, compose, identify, simulate
+from toolbox import Scene, SceneError, compose, identify, simulate
 from toolbox.calibration import Identification, Recording, identification, residuals
 from toolbox.calibration.identified import friction_over_speed
+from toolbox.calibration.told_fit import hardly_told
 from toolbox.commands.command_line import main
 from toolbox.modelling.laws import names
 
@@ -190,11 +191,17 @@ def test_two_files_and_one_command_give_the_friction_curve(tmp_path, capsys):
         "identify.txt",
         "identify.csv",
         "identify.npz",
+        "scene.toml",
         "friction.png",
         "residuals.png",
     }
     found = Identification.load(out / "identify.npz")
     assert off(found, TRUTH) == [] and found.untold
+    scene = Scene.load(out / "scene.toml")  # the first recording again
+    again = scene.run("no controller").at(TIME[::20])["joint.speed"]
+    assert np.abs(again - log(STEPS)["joint.speed"][::20]).max() < 0.05  # five deviations of the noise
+    with pytest.raises(SceneError, match="read from a file"):
+        found.scene()
 
 
 def test_files_with_other_headings_and_signals_are_identified_together(tmp_path, caplog, monkeypatch):
@@ -308,3 +315,74 @@ def test_a_start_without_influence_is_told_with_its_recording(tmp_path):
     assert "`joint.angle` has no influence in coast.csv, and so no estimate." in str(found)
     found.save(tmp_path / "found.npz")
     assert str(Identification.load(tmp_path / "found.npz")) == str(found)
+
+
+CURVED = Joint(inertia=0.035, friction=Viscous(GaussianStribeck(0.55, 0.4, 0.12), 0.021))
+CURVE = {
+    "joint.inertia": 0.035, "bearing.friction.dry.static": 0.55, "bearing.friction.dry.kinetic": 0.4,
+    "bearing.friction.dry.stribeck_speed": 0.12, "bearing.friction.viscous": 0.021,
+}  # fmt: skip
+
+
+def rises(noise, seed=0):
+    """A recording of 100 Hz: the torque, with noise, rises slowly from rest until the joint moves, and drops; the angle by an encoder."""
+    time, plant = np.arange(0.0, 12.0, 0.01), compose(CURVED)
+    part = time % 1.5
+    torque = np.where(part < 1.0, 0.62 * part, 0.0) * np.where(time % 3.0 < 1.5, 1.0, -1.0)
+    run = simulate(plant, time[-1], inputs={"joint.torque": (time, torque)}, output_times=time)
+    scatter = noise * np.random.default_rng(seed).standard_normal(time.size)
+    return {"time": time, "joint.angle": np.round(run["joint.angle"] / 2e-4) * 2e-4, "joint.torque": torque + scatter}
+
+
+def test_noise_of_the_torque_does_not_outweigh_a_coast_down():
+    """Its residuals repeat each other for hundreds of samples: with the weight of as many independent samples they would set the inertia, wrong and sure."""
+    run = simulate(compose(CURVED), 0.6, start={"joint.speed": 4.0}, output_times=np.arange(0.0, 0.6, 0.002))
+    coast = {"time": run.time, "joint.speed": run["joint.speed"] + 0.05 * np.random.default_rng(5).standard_normal(run.time.size)}
+    found = identify([rises(0.004), coast], "Joint", fixed="joint.torque_offset")
+    told = {name: value for name, value in CURVE.items() if name in found.names}
+    assert "joint.inertia" in told and off(found, told) == []
+    assert any("joint.torque scatters by about 0.004" in line and "record the command of the drive" in line for line in found.force_noise)
+
+
+def test_a_torque_without_noise_has_no_remark_of_its_noise():
+    assert identify(log(SINE), "Joint").force_noise == ()
+
+
+def test_a_torque_that_jumps_between_lines_gives_the_stribeck_curve():
+    time, plant = np.arange(0.0, 6.0, 0.004), compose(CURVED)
+    torque = np.select(
+        [time < 0.3, time < 0.8, time < 1.2, time < 1.7, time < 2.0], [0.0, 0.62, 0.0, -0.62, 0.0], 0.7 * np.sin(np.pi * (time - 2.0))
+    )
+    jumping = Recording.of({"time": time, "joint.torque": torque}, plant).stepping(["joint.torque"])
+    run = simulate(plant, time[-1], inputs=jumping.driving(plant), output_times=time)
+    found = identify({"time": time, "joint.angle": np.round(run["joint.angle"] / 1e-4) * 1e-4, "joint.torque": torque}, "Joint")
+    assert found.stepped and off(found, CURVE) == []
+    assert "joint.torque jumps at its samples" in str(found)
+
+
+def test_a_wide_interval_names_its_reason_and_the_experiment():
+    found = identify(log(SINE), "Joint")
+    size, law = len(found.names), "bearing.friction.dry.static"
+    i, k = found.names.index("joint.inertia"), found.names.index(law)
+    errors = 0.1 * np.abs(found.values)
+    covariance = np.diag(errors**2)
+    covariance[i, k] = covariance[k, i] = 0.95 * errors[i] * errors[k]
+    wide = dataclasses.replace(found, standard_errors=errors, covariance=covariance)
+    told = hardly_told(wide, "joint.inertia")
+    assert (
+        set(told) == {"joint.inertia"}
+        and f"`{law}` (correlation +0.95)" in told["joint.inertia"]
+        and "accelerate by" in told["joint.inertia"]
+    )
+    apart = dataclasses.replace(wide, covariance=np.diag(errors**2))
+    assert hardly_told(apart, "joint.inertia") == {} and hardly_told(found, "joint.inertia") == {} and size > 3
+
+
+def test_a_wide_interval_of_a_stribeck_speed_says_what_it_is():
+    speed = np.linspace(0.005, 0.6, 21)
+    found = identify({"axis.speed": speed, "axis.force": 5.0 + 15.0 * np.exp(-((speed / 0.07) ** 2)) + 35.0 * speed})
+    wide = dataclasses.replace(found, standard_errors=0.25 * np.abs(found.values))
+    told = hardly_told(wide, "axis.mass")
+    assert [*told] == ["rail.friction.dry.stribeck_speed"] and "around which friction falls from static to kinetic" in next(
+        iter(told.values())
+    )

@@ -276,7 +276,7 @@ EVERY = {
     ],
 }  # fmt: skip
 
-SCENES = {"compare": {"first.toml", "second.toml"}, "identify": set()}
+SCENES = {"compare": {"first.toml", "second.toml"}}
 """{command: its scenes, if they are not one}."""
 
 

@@ -85,6 +85,32 @@ def test_below_what_it_can_hold_it_gives_up_and_says_so_until_another_set_point_
     assert run.time_in("bit", "stick", after=1700.0) == 0.0
 
 
+def test_after_giving_up_it_tries_again_when_the_time_has_passed_and_never_without_one():
+    """The rock holds the string for 500 s; then the weight is that of a rock which one lift frees."""
+    period = Lifting().design(RIG).string_period
+    weight = inputs.step(2.5 * 97_347.0, 97_347.0, 500.0)
+    for retry, tries in ((None, False), (300.0, True)):
+        law = Lifting(law=PI(reference=6.0, **LIMITS), reference=6.0, retry_time=retry)
+        run = simulate(RIG, 900.0, controller=sampled(law), inputs={"top.reference": 6.0, "bit.weight": weight})
+        told = run.time[run["lifting.gave_up"] == 6.0]
+        assert 36.0 * period < told[0] < 500.0
+        assert (run["lifting.gave_up"][-1] == 0.0) == tries
+        assert (run.time_in("bit", "stick", after=850.0) == 0.0) == tries
+
+
+def test_after_a_stall_h_infinity_runs_away_without_a_limit_of_the_speed_and_not_with_one():
+    law = gains.tuned("H-infinity, lifting")
+    weight = inputs.Table.of("stall", (200.0, 202.0, 242.0, 244.0), np.array([1.0, 2.5, 2.5, 1.0]) * 97_347.0)
+    asked = ((0.0, 80.0, 100.0), (10.0, 10.0, SPEED))
+    tops = {}
+    for limit in (None, 2.2):
+        lifting = dataclasses.replace(at_set_point(law, SPEED), speed_limit_factor=limit)
+        run = simulate(RIG, 400.0, controller=sampled(lifting), inputs={"top.reference": asked, "bit.weight": weight})
+        assert run.time_in("bit", "stick", after=200.0) > 30.0 and run.time_in("bit", "stick", after=350.0) == 0.0
+        tops[limit] = run["top.speed"][run.time > 200.0].max() / SPEED
+    assert tops[2.2] < 3.1 < 4.5 < tops[None]
+
+
 def test_what_it_lifts_in_vain_and_a_string_that_stands_are_told_after_36_periods():
     period = Lifting().design(RIG).string_period
     weak = PI(reference=6.0, lowest_torque=0.0, highest_torque=2000.0)  # less than the rock has at rest

@@ -77,7 +77,7 @@ def of_onset(loop, at, starts):
 def of_tune(loop, starts):
     """Whether the controller as given fails in a tuning, whose objective is the verdict; None if there is no run."""
     scene = Scene.of(loop.plant, LONG, {"asked": loop.controllers[0]}, after=0.7 * LONG)
-    name = next(each for each in ("softtorque.detuning", "pi.proportional") if each in loop.variable_numbers())
+    name = next(each for each in ("softtorque.detuning", "pi.proportional", "stiffpi.proportional") if each in loop.variable_numbers())
     value = loop.number(name).value
     found = tune(scene, "asked", still_fails, {name: (value, 1.001 * value)}, starts=starts, runs=10)
     return None if found.before.failed else found.before.values[0][0] > 0.0, found

@@ -31,6 +31,7 @@ COMPILED_LOOPS = {
 MORE_ARGUMENTS = {
     "tabulated_string.from_tables": 18,
     "fit.fit": 11,
+    "inputs.start_up": 16,
     "onset.onset": 12,
     "tune.tune": 11,
     "drawn_borders.uncertain_onset": 11,

@@ -26,7 +26,7 @@ from toolbox.calibration.least_squares import LeastSquares
 from toolbox.calibration.locating import located
 from toolbox.calibration.measured_loop import MeasuredLoop
 from toolbox.calibration.memory_loop import MemoryLoop
-from toolbox.calibration.recording import Recording
+from toolbox.calibration.recording import Recording, jumps
 from toolbox.calibration.residuals import Simulated
 from toolbox.calibration.results import Fit
 from toolbox.calibration.shifts import shift_number, shifts_of
@@ -168,37 +168,49 @@ def fit(
         lowest, highest = np.array([ends[number.name] for number in misfit.numbers]).T
         return misfit, lowest, highest
 
-    def searched(misfit: Any, lowest: np.ndarray, highest: np.ndarray, first: np.ndarray, starts: int) -> Fit:
+    def squares(misfit: Any, lowest: np.ndarray, highest: np.ndarray, first: np.ndarray, starts: int) -> LeastSquares:
         numbers = misfit.numbers
         labels, units = tuple(number.name for number in numbers), tuple(number.unit for number in numbers)
-        limits = lowest, highest
         return LeastSquares(
-            misfit, labels, units, first, *limits, noise, search.robust, starts, search.seed, confidence, search.growing
-        ).fit()
+            misfit, labels, units, first, lowest, highest, noise, search.robust, starts, search.seed, confidence, search.growing
+        )
+
+    def searched(*given: Any) -> Fit:
+        return squares(*given).fit()
 
     misfit, lowest, highest = misfit_of(recording)
     found = searched(misfit, lowest, highest, np.array([number.value for number in misfit.numbers]), search.starts)
     undecided = [name for name in recording.signals if name in make.plant.inputs] if on is None and recording.held is None else []
-    best, other, chosen = EVIDENCE, (misfit, lowest, highest), tuple[str, ...]()
-    for these in dict.fromkeys([tuple(undecided), *((name,) for name in undecided)]) if undecided else ():
-        tried = misfit_of(recording.holding(these))
+    best, other, chosen, first = EVIDENCE, (misfit, lowest, highest), tuple[str, ...](), found.values
+    drawn = [recording.holding(these) for these in dict.fromkeys([tuple(undecided), *((name,) for name in undecided)]) if these]
+    jumping = [name for name in undecided if jumps(recording.signals[name][np.isfinite(recording.signals[name])]).any()]
+    drawings = [*drawn, *([recording.stepping(jumping)] if jumping else [])]
+    for drawing in drawings:
+        tried = misfit_of(drawing)
         gain = evidence(found, tried[0])
         if gain > best:
-            best, other, chosen = gain, tried, these
-    again: Fit | None = None
+            best, other, chosen = gain, tried, drawing.held or drawing.stepped
+    if not chosen and undecided and search.fits_held and max(each.correlation for each in found.residuals) > STRUCTURED:
+        for drawing in drawings[:1] + drawings[len(drawn) :]:
+            tried = misfit_of(drawing)
+            for begin, starts in ((found.values, 1), (np.array([number.value for number in tried[0].numbers]), search.starts)):
+                tied = squares(*tried, begin, starts).near()
+                if (gain := fitted_evidence(found, tried[0], tied)) > best:
+                    best, other, chosen, first = gain, tried, drawing.held or drawing.stepped, tied
+    known = {name: dict.fromkeys(getattr(recording, name) or (), math.inf) for name in ("held", "stepped")} if on is None else {}
     if chosen:
-        again = searched(*other, found.values, 1)  # the search from other starts is done
-    elif undecided and max(each.correlation for each in found.residuals) > STRUCTURED:
-        tried = misfit_of(recording.holding(undecided))
-        tied = searched(*tried, np.array([number.value for number in tried[0].numbers]), search.starts)
-        if (gain := fitted_evidence(found, tied)) > EVIDENCE:
-            again, best, chosen = tied, gain, tuple(undecided)
-    if again is not None:
-        found = dataclasses.replace(again, agreeing_starts=found.agreeing_starts, starts=found.starts, held=dict.fromkeys(chosen, best))
-    elif on is None:
-        found = dataclasses.replace(found, held=dict.fromkeys(recording.held or (), math.inf))
+        again = searched(*other, first, 1)  # the search from other starts is done
+        found = dataclasses.replace(again, agreeing_starts=found.agreeing_starts, starts=found.starts)
+        known = {"stepped" if recording_of(other[0]).stepped else "held": dict.fromkeys(chosen, best)}
+    found = dataclasses.replace(found, held=known.get("held", {}), stepped=known.get("stepped", {}))
     typed = [in_si(ranges[name], unit, name) for name, unit in zip(found.names, found.units, strict=True) if name in ranges]
     return dataclasses.replace(found, display_units={**loop.display_units, **asked_units(typed)})
+
+
+def recording_of(misfit: Any) -> Recording:
+    """The recording of a misfit, of several windows that of the first one."""
+    found: Recording = misfit.each[0].recording if isinstance(misfit, Together) else misfit.recording
+    return found
 
 
 def _from_start(numbers: list[Number], window: Window | None) -> list[Number]:

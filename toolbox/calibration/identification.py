@@ -11,6 +11,7 @@ A table without times holds steady points: the force is then the friction itself
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,13 +20,15 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.calibration.beginnings import body_of, is_hardly_told, levels_of
 from toolbox.calibration.channels import TIMES, heading_for, source_of
+from toolbox.calibration.force_noise import force_noise
 from toolbox.calibration.holds import EVIDENCE, fitted_evidence
 from toolbox.calibration.identified import Identification, drag_unit, fitted_part, friction_over_speed, with_derived
-from toolbox.calibration.motion import Guess, Run, first_guess, friction_points, is_one_speed, runs_of, together
+from toolbox.calibration.motion import Curve, Guess, Run, first_guess, friction_points, is_one_speed, runs_of, stribeck_guess, together
 from toolbox.calibration.recording import Recording, read_channels
 from toolbox.calibration.results import Fit
-from toolbox.calibration.told_fit import EXPERIMENTS, holds_nothing, told_fit
+from toolbox.calibration.told_fit import EXPERIMENTS, hardly_told, holds_nothing, told_fit
 from toolbox.calibration.windows import MeasuredContact, Search, Window, own_name
 from toolbox.errors import SceneError, SimulationError, joined
 from toolbox.logs.grids import Column
@@ -39,8 +42,11 @@ from toolbox.vocabulary import new_names_only
 EVERY_KIND = ("clipped", "drop-out", "reversed", "outlier")
 """Flaws of samples over time, which steady points have not."""
 
-NOTHING = 0.1
-"""Part of the first guess of friction, at least, at which the search for a richer law begins: none begins at a bound."""
+STRIBECK = "a Stribeck curve"
+"""Name of the richest law."""
+
+CLEAR = 10.0
+"""Difference of the log-likelihoods of regressions from which on a Stribeck curve is fitted first."""
 
 SLOW = 3.0
 """Time [s] after which an identification says what it fits."""
@@ -189,8 +195,9 @@ class _Work:
     def __init__(self, part: Any):
         self.part = part
         self.body_lost = False  # whether a fit showed that the data do not tell the mass
+        self.retries = True  # whether more searches follow one that lost its way; none where a richer law is found already
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None) -> Fit:
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None, search: Search) -> Fit:
         """The fit of a part with all numbers free that are not fixed; `untold` gets a sentence for each that the data do not tell.
 
         near: the fit of a simpler law, which tells where runs begin and which inputs are held.
@@ -214,13 +221,25 @@ class _Work:
         """Friction in the data."""
         raise NotImplementedError
 
+    def force_noise(self, found: Fit) -> list[str]:
+        """Return what a report says of the noise of the force."""
+        return []
+
     def guess(self, free: bool, offset: bool, directions: bool) -> Guess:
         """Return numbers at which a search begins: whether the mass, a constant force, and friction each way are looked for."""
         raise NotImplementedError
 
+    def curve(self, about: Guess, free: bool, offset: bool, directions: bool) -> Curve | None:
+        """Return numbers at which the search of a Stribeck curve begins; None if the fit of a simpler law is as good a begin."""
+        return None
+
     def evidence(self, simple: Fit, rich: Fit) -> float:
         """By how much the log-likelihood of the richer law is greater."""
-        return fitted_evidence(simple, rich)
+        return fitted_evidence(simple, rich.misfit, rich.values)
+
+    def _is_better(self, simple: Fit, rich: Fit) -> bool:
+        """Whether the data need the richer law."""
+        return self.evidence(simple, rich) > EVIDENCE + (rich.values.size - simple.values.size)
 
     def simplest(self, friction: Any, directions: bool, fixed: Sequence[str], confidence: float) -> Identification:
         """The simplest law that the data do not contradict, with its curve."""
@@ -243,53 +262,118 @@ class _Work:
             offered(name) for name in ("Viscous", "Hyperbolic", "Coulomb", "GaussianStribeck", "TwoWay")
         )
 
-        def law(dry: Callable[[float], Any], near: Fit | None) -> Any:
-            """A law with this dry friction, which begins at the fit of the simpler law."""
-            sides = [viscous(dry(level), slope) for level, slope in _levels(near, about)]
-            return two(*sides) if directions and len(sides) > 1 else two(sides[0], sides[0]) if directions else sides[0]
+        curve = (
+            None
+            if friction is not None or about.one_speed
+            else self.curve(about, body not in fixed, bool(start.get(part.offset_field)), directions)
+        )
 
-        dry = {
-            "dry and viscous friction": lambda level: one(level, 0.0),
-            "static friction above kinetic friction": lambda level: coulomb(1.05 * level, level),
-            "a Stribeck curve": lambda level: stribeck(1.6 * level, level, about.speed),
+        def each_way(sides: Sequence[Any]) -> Any:
+            """The law of these sides."""
+            return two(sides[0], sides[-1]) if directions else sides[0]
+
+        def near(dry: Callable[[float], Any]) -> Callable[[Fit | None], list[Any]]:
+            """Parts with this dry friction at which a search begins: at the fit of the simpler law."""
+            return lambda simple: [
+                dataclasses.replace(
+                    part,
+                    friction=each_way([viscous(dry(level), slope) for level, slope in levels_of(simple, about)]),
+                    **body_of(part, simple),
+                )
+            ]
+
+        def curved(simple: Fit | None) -> list[Any]:
+            """Parts with a Stribeck curve, of which the second counts where the first does not lead to a better law."""
+            if curve is None:
+                return [*old(simple)]
+            fields = {
+                name: value
+                for name, value in ((part.body_field, curve.about.mass), (part.offset_field, curve.about.offset))
+                if name in start
+            }
+            sides = [viscous(stribeck(static, kinetic, curve.about.speed), slope) for static, kinetic, slope in curve.sides]
+            return [dataclasses.replace(part, friction=each_way(sides), **fields), *old(simple)]
+
+        old = near(lambda level: stribeck(1.6 * level, level, about.speed))
+        laws: dict[str, Callable[[Fit | None], list[Any]]] = {
+            "dry and viscous friction": near(lambda level: one(level, 0.0))
+            if friction is None
+            else lambda _: [dataclasses.replace(part, friction=friction)],
+            "static friction above kinetic friction": near(lambda level: coulomb(1.05 * level, level)),
+            STRIBECK: curved,
         }
-        laws = list(dry)[:1] if about.one_speed or friction is not None else list(dry)
+        if about.one_speed or friction is not None:
+            laws = dict(list(laws.items())[:1])
         if about.one_speed and friction is None:
             alike = [
                 name
-                for name in compose(dataclasses.replace(part, friction=law(dry[laws[0]], None))).parameters
+                for (begin,) in [laws["dry and viscous friction"](None)]
+                for name in compose(begin).parameters
                 if name.endswith(".viscous")
             ]
             fixed = [*fixed, *alike]
             untold |= dict.fromkeys(
                 alike, f"all motion is at one speed, so all friction is dry here. To tell it, {EXPERIMENTS['viscous']}."
             )
-        best, best_untold, began = None, dict[str, str](), perf_counter()
+        rich = None
+        if curve is not None and curve.gain > CLEAR:
+            with contextlib.suppress(SceneError, SimulationError):
+                rich = self._searched({STRIBECK: lambda simple: curved(simple)[:1]}, body, fixed, confidence)
+        if rich is None:
+            found = self._searched(laws, body, fixed, confidence)
+        elif self.body_lost or not is_hardly_told(rich[0]):
+            found = rich
+        else:
+            self.retries = False
+            found = self._searched({name: law for name, law in laws.items() if name != STRIBECK}, body, fixed, confidence)
+            self.retries = True
+            levels, self.body_lost = old(found[0]), self.body_lost and not self._is_better(found[0], rich[0])
+            if not (self.body_lost or found[0].white):  # another begin, which may lead to a better Stribeck curve
+                best = rich if self._is_better(found[0], rich[0]) else found
+                found = self._searched({STRIBECK: lambda _: levels}, body, fixed, confidence, best)
+        if self.body_lost and body not in fixed:
+            return self.simplest(friction, directions, given, confidence)
+        return self._result(found[0], {**untold, **found[1]})
+
+    def _searched(
+        self,
+        laws: Mapping[str, Callable[[Fit | None], list[Any]]],
+        body: str,
+        fixed: Sequence[str],
+        confidence: float,
+        simplest: tuple[Fit | None, dict[str, str]] = (None, {}),
+    ) -> tuple[Fit, dict[str, str]]:
+        """The fit of the first law that a richer one is not clearly better than, and why numbers are not told.
+
+        laws: {name: parts at which a search begins};  simplest: the fit of a simpler law, and why numbers are not told there.
+        """
+        (best, untold), began = simplest, perf_counter()
         with progress_bar(len(laws), "identify", unit="law") as bar:
-            for each in laws:
-                bar.set_postfix_str(each)
+            for name, beginnings in laws.items():
+                bar.set_postfix_str(name)
                 if (seconds := perf_counter() - began) > SLOW:
-                    LOG.info("identify: %d samples, after %.0f s: %s is fitted ...", self.samples, seconds, each)
-                own = dict[str, str]()
-                given_law = law(dry[each], best) if friction is None else friction
-                try:
-                    found = self.fitted(dataclasses.replace(part, friction=given_law, **_body_of(part, best)), fixed, confidence, own, best)
-                except (SceneError, SimulationError):
-                    if best is None:
-                        raise
-                    found = None
-                if found is not None and body in found.names and holds_nothing(found, body):
-                    self.body_lost = True
-                    break
-                if found is not None and (best is None or self.evidence(best, found) > EVIDENCE + (found.values.size - best.values.size)):
-                    best, best_untold = found, own
+                    LOG.info("identify: %d samples, after %.0f s: %s is fitted ...", self.samples, seconds, name)
+                simple = best
+                search = Search(1, growing=best is None and len(laws) + (name != STRIBECK) > 1, fits_held=name == [*laws][-1])
+                for begin in beginnings(simple):
+                    own = dict[str, str]()
+                    try:
+                        found = self.fitted(begin, fixed, confidence, own, simple, search)
+                    except (SceneError, SimulationError):
+                        if best is None:
+                            raise
+                        continue
+                    if body in found.names and holds_nothing(found, body):
+                        self.body_lost = True
+                        return found, own
+                    if best is None or self._is_better(best, found):
+                        best, untold = found, own
+                        break
                 if best is not None and best.white:
                     break  # nothing is left that a richer law could explain
                 bar.update()
-        if self.body_lost and body not in fixed:
-            return self.simplest(friction, directions, given, confidence)
         assert best is not None
-        return self._result(best, {**untold, **best_untold})
+        return best, untold
 
     def _result(self, found: Fit, untold: dict[str, str]) -> Identification:
         """The fit with its curve and with the numbers that it hardly tells."""
@@ -311,10 +395,14 @@ class _Work:
             untold[f"{found.indistinguishable_friction}static"] = (
                 f"it is not told from the kinetic friction. To tell it, {EXPERIMENTS['static']}."
             )
+        untold |= hardly_told(found, f"{self.part.signal_prefix}.{self.part.body_field}") | untold
         own = {each.name: getattr(found, each.name) for each in dataclasses.fields(Fit)}
         points = self.points(found)
         own["units"] = tuple(self._unit(name, unit) for name, unit in zip(found.names, found.units, strict=True))
-        return Identification(**own, untold=untold, points=points, curve=friction_over_speed(found, points), curve_units=self.part.units)
+        curve = friction_over_speed(found, points)
+        return Identification(
+            **own, untold=untold, points=points, curve=curve, curve_units=self.part.units, force_noise=tuple(self.force_noise(found))
+        )
 
     def _unit(self, name: str, unit: str) -> str:
         """The unit of a number of the part: its friction law is a force, and no coefficient of a load."""
@@ -379,7 +467,7 @@ class _Steady(_Work):
         powers = [max(each.residuals[0].rms, least) for each in (simple, rich)]
         return self.force.size * math.log(powers[0] / powers[1])
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None) -> Fit:
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None, search: Search) -> Fit:
         free = [name for name in self._asked(part, fixed) if name != f"{part.signal_prefix}.{part.body_field}"]
         data = {"time": np.arange(self.speed.size, dtype=float), **self.data}
         recording = Recording.of(data, compose(part), accepted_flaws=EVERY_KIND)
@@ -421,6 +509,9 @@ class _Moving(_Work):
         body = getattr(self.part, self.part.body_field)
         return first_guess(self.runs, body, free=free, seen=not self.body_lost, offset=offset, directions=directions)
 
+    def curve(self, about: Guess, free: bool, offset: bool, directions: bool) -> Curve | None:
+        return stribeck_guess(self.runs, about, free=free, offset=offset, directions=directions)
+
     def untold_body(self, about: Guess) -> str:
         part = self.part
         unit = next(each.metadata["unit"] for each in dataclasses.fields(part) if each.name == part.body_field)
@@ -433,7 +524,7 @@ class _Moving(_Work):
             why = f"no {part.force_name} acts"
         return f"{why}, which tells only friction over {part.body_field}, {at} To tell it, {EXPERIMENTS[part.body_field]}."
 
-    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None) -> Fit:
+    def fitted(self, part: Any, fixed: Sequence[str], confidence: float, untold: dict[str, str], near: Fit | None, search: Search) -> Fit:
         free = self._asked(part, fixed)
         before = {} if near is None else dict(zip(near.names, near.values.tolist(), strict=True))
         windows = [
@@ -445,49 +536,34 @@ class _Moving(_Work):
             )
             for i, (run, begin) in enumerate(zip(self.runs, self.begins, strict=True), 1)
         ]
-        held = tuple(near.held) if near is not None and near.held else self.held
+        held = tuple(near.held) if near is not None and near.held else () if near is not None and near.stepped else self.held
+        recording = self.recording.stepping(tuple(near.stepped)) if near is not None and near.stepped else self.recording
         starts = list(dict.fromkeys(name for run in self.runs for name in run.starts))
         found = told_fit(
             part,
-            self.recording,
+            recording,
             [*free, *starts, *self.shifts],
             untold,
-            self._rests,
+            self._rests if self.retries else lambda _: False,
             window=windows,
-            starts=Search(1, growing=near is None),
+            starts=search,
             confidence=confidence,
             zero_order_hold=held,
         )
-        return found if near is None or not near.held else dataclasses.replace(found, held=near.held)
+        return (
+            found if near is None or not (near.held or near.stepped) else dataclasses.replace(found, held=near.held, stepped=near.stepped)
+        )
+
+    def force_noise(self, found: Fit) -> list[str]:
+        return force_noise(found, f"{self.part.signal_prefix}.{self.part.force_name}", self.part.units[1])
 
     def _rests(self, values: Mapping[str, float]) -> bool:
         """Whether no measured force would move the body as it moved, both ways or one: a search finds no slope that leads back from there."""
         offset = values.get(f"{self.part.signal_prefix}.{self.part.offset_field}", 0.0)
         bounds = [value for name, value in values.items() if name.endswith(".static")]
-        tops = [float((way * (run.force - offset)).max()) for run in self.runs for way in run.departures]
+        tops = [float((way * (run.force - offset)).max()) for run in self.runs if run.force.any() for way in run.departures]
         return bool(bounds and tops) and min(bounds) >= min(tops)
 
     def points(self, found: Fit) -> np.ndarray:
         fitted = fitted_part(found)
         return friction_points(self.runs, float(getattr(fitted, fitted.body_field)), float(getattr(fitted, fitted.offset_field)))
-
-
-def _levels(near: Fit | None, about: Guess) -> list[tuple[float, float]]:
-    """Dry and viscous friction at which a search begins, each way if the simpler law has them each way."""
-    if near is None:
-        return [(about.level, about.viscous)]
-    found, levels = near.parameters, []
-    for name in found:
-        if name.endswith(".static"):
-            head = name.removesuffix("static")
-            slope = found.get(f"{head.removesuffix('dry.')}viscous", 0.0)
-            level = found.get(f"{head}kinetic", found[name])
-            levels.append((max(level, NOTHING * about.level), max(slope, NOTHING * about.viscous)))
-    return levels or [(about.level, about.viscous)]
-
-
-def _body_of(part: Any, near: Fit | None) -> dict[str, float]:
-    """Mass and constant force of the fit of a simpler law; empty without one."""
-    found = {} if near is None else near.parameters
-    fields = {name: f"{part.signal_prefix}.{name}" for name in (part.body_field, part.offset_field)}
-    return {name: found[full] for name, full in fields.items() if full in found}

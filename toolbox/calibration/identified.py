@@ -14,9 +14,15 @@ from toolbox.calibration.panels import TIME, Panel
 from toolbox.calibration.results import Fit
 from toolbox.calibration.windows import own_name
 from toolbox.files.printing import Rows
+from toolbox.modelling.inputs import Table
+from toolbox.scenes.cases import Waveform
+from toolbox.scenes.scene import Scene
 
 POINTS = 60
 """Points of a friction curve."""
+
+STEADY_RUN = 5.0
+"""Duration [s] of the scene of an identification from steady points."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +30,7 @@ class Identification(Fit):
     """Friction and mass of an axis or a joint, the result of `identify`: a `Fit` with its friction curve.
 
     `print(found)`, `found.plot()` and `found.plot_residuals()` show the result. `found.plant` is the identified plant, for
-    `simulate` and `ClosedLoop`. It has the estimates, and each number that was kept as `found.untold` says.
+    `simulate` and `ClosedLoop`, and `found.scene()` a scene with it. The plant has the estimates, and each number that was kept as `found.untold` says.
 
     A coast-down without a driving force determines only the ratio of friction and inertia (or mass). The inertia then
     keeps its value in the part, and only the ratio of the estimated friction and this inertia is meaningful.
@@ -59,6 +65,8 @@ class Identification(Fit):
         Description of the recordings as text.
     runs
         Recording of each run: run 1 is the first. A gap in a recording makes two runs. Empty for steady points.
+    force_noise
+        Sentences about noise of the measured force, if it explains a good part of residuals that are not white.
 
     Examples
     --------
@@ -79,6 +87,10 @@ class Identification(Fit):
     curve_units: tuple[str, str] = ("m/s", "N")
     recordings: tuple[str, ...] = ()
     runs: tuple[str, ...] = ()
+    force_noise: tuple[str, ...] = ()
+
+    def _remarks(self) -> list[str]:
+        return [*super()._remarks(), *self.force_noise]
 
     def _told(self) -> list[str | Rows]:
         lines = [*super()._told()]
@@ -100,9 +112,57 @@ class Identification(Fit):
 
         return friction_curve(self)
 
+    def scene(self) -> Scene:
+        """Return a scene with the identified plant that repeats the first recording with a measured force.
+
+        `scene().save("scene.toml")` writes a file for `stickslip simulate`. The scene has the measured force (or torque)
+        of the recording, and the state at its begin. Steady points have no time: their scene has the largest force of the
+        points, from rest, for 5 s.
+
+        Returns
+        -------
+        Scene
+            The scene, without a controller.
+
+        Raises
+        ------
+        SceneError
+            If the identification was read from a file, which holds no plant.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from toolbox import identify
+        >>> speed = np.linspace(0.05, 0.6, 12)
+        >>> found = identify({"axis.speed": speed, "axis.force": 5.0 + 35.0 * speed}, fixed="axis.force_offset")
+        >>> run = found.scene().run("no controller")
+        >>> print(f"{run['axis.speed'][-1]:.2f} m/s")
+        0.60 m/s
+        """
+        machine, part = self._machine, fitted_part(self)
+        force, speed = f"{part.signal_prefix}.{part.force_name}", f"{part.signal_prefix}.speed"
+        inputs: Mapping[str, Any] = {force: float(np.max(self.points[1], initial=0.0)) + float(getattr(part, part.offset_field))}
+        span, start = STEADY_RUN, dict[str, float]()
+        if not machine.by_samples:
+            windows = [(each, self.values[places]) for each, places in zip(machine.each, machine.places, strict=True)]
+            window, values = next(
+                (pair for pair in windows if np.ptp(getattr(pair[0].loop.input_values.get(force), "values", 0.0))), windows[0]
+            )
+            loop = window.at(values)
+            inputs, span, start = {name: _as_input(value) for name, value in loop.input_values.items()}, window.span, dict(loop.start)
+        told = f"{type(part).__name__} identified from {', '.join(dict.fromkeys(self.runs)) or 'steady points'}"
+        return Scene.of(self.plant, span, title=told, signal=speed, effort=force, inputs=inputs, start=start)
+
     def plot_residuals(self) -> Any:
         """Draw measurement and model, and the residuals, each run over its own time. Return the axes."""
         return Fit.plot(dataclasses.replace(self, panels=tuple(_from_zero(panel) for panel in self.panels)))
+
+
+def _as_input(value: Any) -> Any:
+    """An input of a run as a scene file has it."""
+    if not isinstance(value, Table):
+        return value
+    return Waveform("table", {"times": tuple(value.times.tolist()), "values": tuple(value.values.tolist())})
 
 
 def _from_zero(panel: Panel) -> Panel:

@@ -12,34 +12,30 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import number
+from toolbox.calibration.identifiable import MUTE, condition_of
 from toolbox.calibration.residuals import residuals
 from toolbox.calibration.resting import Resting, resting
 from toolbox.calibration.results import Fit
-from toolbox.calibration.trust import correlated, residual_of, sampling_error
-from toolbox.errors import SceneError, SimulationError, Unidentifiable
+from toolbox.calibration.trust import correlated, deviation, is_white, memory, residual_of, sampling_error, step_of
+from toolbox.calibration.weights import alike, repeats_of, rows_of, trusted
+from toolbox.errors import SceneError, SimulationError
 from toolbox.messages import progress_bar
 
-SINGULAR = 1e-6
-"""Ratio of singular values, columns of the Jacobian scaled to length one, below which numbers cannot be told apart."""
-
-MUTE = 1e-9
-"""Change of the residuals, in parts of the signals, below which a number has no influence: for a change by its own size."""
-
-NOTHING = 1e-100
-"""Slope of the residuals, in parts of the noise and for a change of a number by its own size, that is no slope: the search scales a number by it, and what it
-divides by the square of less overflows."""
-
-FEW = 0.05
-"""Part of a signal, at most, that may break its law: where more does, the law is wrong, and all samples count."""
+NOTHING = 1e-60
+"""Slope of the residuals, in parts of the noise and for a change of a number by its own size, that is no slope: the search scales a number by it, and the
+fourth power of less overflows."""
 
 ROUNDS = 10
 """Fits, at most, after each of which other samples are left out, or weigh otherwise."""
 
-MOST = 3.0
-"""Weight, at most, of a sample that is known in another way than by measuring it: it is told by ten samples or so."""
-
 CLEAR = 1e3
 """F-value by the slopes from which on static and kinetic friction are told apart without a fit that takes them for one."""
+
+BALANCES = 4
+"""Fits, at most, between which recordings get other shares."""
+
+SAME = 0.1
+"""Relative difference of the shares of a recording that is none."""
 
 DRAWS = 10
 """Starts that are drawn for every one that is wanted, because some contradict themselves or cannot be simulated."""
@@ -50,9 +46,22 @@ def _product(tall: np.ndarray, ways: np.ndarray) -> np.ndarray:
     return np.einsum("ni,ij->nj", tall, ways)
 
 
-def _alike(one: np.ndarray, two: np.ndarray) -> bool:
-    """Whether weights of samples leave out the same ones and are the same but for a hundredth."""
-    return np.array_equal(one == 0.0, two == 0.0) and bool(np.all(np.abs(one - two) <= 0.01 * two))
+def _inverse(jacobian: np.ndarray) -> np.ndarray:
+    """(J^T J)^-1, its columns scaled to length one before. Raises LinAlgError if J^T J is singular."""
+    lengths = np.sqrt(np.einsum("ni,ni->i", jacobian, jacobian))
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    scaled = jacobian / lengths
+    found: np.ndarray = np.linalg.inv(np.einsum("ni,nj->ij", scaled, scaled)) / np.outer(lengths, lengths)
+    return found
+
+
+def _tolerances(roughly: bool) -> dict[str, Any]:
+    """Where a search ends: of a thousandth of a standard error, or where few digits will do."""
+    return (
+        {"xtol": 1e-4, "ftol": 1e-4, "gtol": 1e-12, "max_nfev": 30}
+        if roughly
+        else {"xtol": 1e-10, "ftol": 1e-10, "gtol": 1e-12, "max_nfev": 100}
+    )
 
 
 @dataclass
@@ -72,18 +81,14 @@ class LeastSquares:
     confidence: float
     growing: bool = True
     weights: dict[str, np.ndarray] = field(default_factory=dict, init=False)
+    repeats: dict[str, np.ndarray] = field(default_factory=dict, init=False)
+    shares: dict[str, np.ndarray] = field(default_factory=dict, init=False)
 
     def fit(self) -> Fit:
         misfit = self.misfit
-        sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
-        scales = self._given_noise(sizes)
-        trial = misfit.trial()
-        found = self._from_all_starts(trial, scales)
-        best = min(found, key=lambda each: each.cost)
-        values = best.x if trial is misfit else self._descend(best.x, scales, [misfit]).x
-        if self.noise is None and len(misfit.outputs) > 1:  # the weight of one alone changes nothing
-            left = self._left(values)
-            scales = {name: max(float(np.sqrt(np.mean(left[name] ** 2))), 1e-9 * sizes[name]) for name in left}
+        sizes = self._sizes()
+        values, scales, agreement = self._approached(roughly=self._has_several_scales())
+        if self._has_several_scales():
             values = self._descend(values, scales, [misfit]).x
         values, scales = self._without_strays(values, scales, sizes)
         size = self._size(values)
@@ -100,8 +105,49 @@ class LeastSquares:
             values = self._along(rest.values, rest.directions, scales) if rest.together else rest.values
         if equal or rest.why:
             jacobian, left = self._weighed(misfit.slopes(values, self._size(values)), scales), self._left(values)
-        agreement = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found)), len(found)
         return self._result(values, scales, rest, equal, (jacobian, left), agreement)
+
+    def near(self) -> np.ndarray:
+        """Numbers near the optimum, with few digits."""
+        return self._approached(roughly=True)[0]
+
+    def _approached(self, roughly: bool) -> tuple[np.ndarray, dict[str, float], tuple[int, int]]:
+        """(numbers near the optimum, scales there, (searches that ended there, all)); roughly: whether few digits will do."""
+        misfit = self.misfit
+        self.repeats = self._repeats_of_samples()
+        self.shares = self.repeats
+        scales = self._given_noise(self._sizes())
+        trial = misfit.trial()
+        found = self._from_all_starts(trial, scales)
+        best = min(found, key=lambda each: each.cost)
+        agreement = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found)), len(found)
+        values = best.x if trial is misfit else self._descend(best.x, scales, [misfit], roughly=roughly).x
+        if self._has_several_scales():
+            values, scales = self._rebalanced(values, scales, self._sizes())
+        return values, scales, agreement
+
+    def _sizes(self) -> dict[str, float]:
+        """Standard deviation of each signal, 1 of one that is constant."""
+        return {name: float(np.std(values)) or 1.0 for name, values in self.misfit.measured.items()}
+
+    def _repeats_of_samples(self) -> dict[str, np.ndarray]:
+        """Weights of samples that repeat each other, of a fit by simulation."""
+        misfit = self.misfit
+        return {} if misfit.by_samples else {name: repeats_of(misfit.measured[name], misfit.blocks(name)) for name in misfit.outputs}
+
+    def _has_several_scales(self) -> bool:
+        """Whether signals or recordings have weights of their own by their residuals; that of one alone changes nothing."""
+        return self.noise is None and sum(len(self.misfit.blocks(name)) for name in self.misfit.outputs) > 1
+
+    def _rebalanced(self, values: np.ndarray, scales: dict[str, float], sizes: Mapping[str, float]) -> tuple[np.ndarray, dict[str, float]]:
+        """Numbers, with few digits, where the weights are those of their residuals; and the scales there."""
+        for _ in range(BALANCES):
+            before = self.shares
+            scales = self._balanced(values, sizes)
+            if before is not self.repeats and all(np.allclose(self.shares[name], before[name], rtol=SAME) for name in before):
+                break
+            values = self._descend(values, scales, [self.misfit], roughly=True).x
+        return values, scales
 
     def _result(
         self,
@@ -116,7 +162,7 @@ class LeastSquares:
         from scipy.special import stdtrit
 
         misfit, size, ways, (jacobian, left) = self.misfit, self._size(values), rest.directions, end
-        sizes = {name: float(np.std(each)) or 1.0 for name, each in misfit.measured.items()}
+        sizes = self._sizes()
         weights = np.concatenate([np.full(left[name].size, scales[name] / sizes[name]) for name in left])
         per_part = _product(jacobian * weights[:, None], size[:, None] * ways)
         heard = np.sqrt((per_part**2).mean(axis=0)) >= MUTE
@@ -124,23 +170,22 @@ class LeastSquares:
             start = np.array([number.is_start for number in misfit.numbers])
             heard |= (ways[~start] != 0.0).any(axis=0)
         labels = [" = ".join(name for name, part in zip(self.names, way, strict=True) if part) for way in ways.T[heard]]
-        condition = self._identifiable(labels, per_part[:, heard], dict(zip(self.names, values.tolist(), strict=True)))
+        condition = condition_of(labels, per_part[:, heard], dict(zip(self.names, values.tolist(), strict=True)))
         ways, mute = ways[:, heard], np.asarray(ways[:, ~heard].any(axis=1))
         jacobian = _product(jacobian, ways)
-        n, k = sum(int(np.count_nonzero(own)) for own in self._all_weights().values()), jacobian.shape[1]
+        n, k = self._samples(), jacobian.shape[1]
         if n <= k:
-            raise SceneError(f"The data must hold more values than there are free numbers, but they hold {n} for {k}.")
+            raise SceneError(f"The data must hold more values than there are free numbers, but they hold {n:g} for {k}.")
         left_of = [
             residual_of(name, misfit.plant.unit(name), (left[name] * own)[own > 0.0], misfit.measured[name][own > 0.0])
             for name, own in self._all_weights().items()
         ]
         weighed = self._weighed(left, scales)
-        spread = float((weighed**2).sum()) / (n - k)
-        inverse = np.linalg.inv(np.einsum("ni,nj->ij", jacobian, jacobian))
-        blocks = [misfit.measured[name].size for name in misfit.outputs]
-        middle = correlated(jacobian, weighed, blocks, spread, [each.whiteness < 0.05 for each in left_of])
+        inverse = _inverse(jacobian)
+        middle = self._middle(jacobian, weighed, scales, n / (n - k))
         covariance = ways @ inverse @ middle @ inverse @ ways.T
-        covariance[mute, mute] = math.inf
+        variances = np.diag(covariance)
+        np.fill_diagonal(covariance, np.where(mute | ~(variances >= 0.0), math.inf, variances))
         factor = float(stdtrit(n - k, 0.5 + self.confidence / 2))
         span = np.where(np.isfinite(self.high - self.low), self.high - self.low, self._size(values))
         edge = np.minimum(values - self.low, self.high - values) < 1e-6 * span
@@ -157,6 +202,24 @@ class LeastSquares:
             initial_mismatch=misfit.apart(values),
         )  # fmt: skip
 
+    def _middle(self, jacobian: np.ndarray, weighed: np.ndarray, scales: Mapping[str, float], lost: float) -> np.ndarray:
+        """J^T G J of all recordings, G: covariance of their residuals; lost: samples as a multiple of those that the free numbers leave."""
+        middle, begin, misfit = np.zeros((jacobian.shape[1],) * 2), 0, self.misfit
+        for name, own in self._all_weights().items():
+            repeats = self.repeats.get(name, np.ones(own.size))
+            shares = self.shares.get(name, repeats)
+            for rows in rows_of(misfit.blocks(name)):
+                place = slice(begin, begin := begin + rows.stop - rows.start)
+                good = own[rows] > 0.0
+                if not good.any():
+                    continue
+                share = float((shares[rows] / repeats[rows]).max())
+                variance = float(np.sum(weighed[place] ** 2) / np.sum(repeats[rows][good] ** 2))
+                least = share * step_of(misfit.measured[name][rows], repeats[rows]) / (scales[name] * math.sqrt(12.0))
+                left = weighed[place] / np.where(good, shares[rows], 1.0)
+                middle += correlated(jacobian[place], weighed[place], max(variance, least**2) * lost, not is_white(left[good]))
+        return middle
+
     def _all_weights(self) -> dict[str, np.ndarray]:
         """{signal: weights of its samples}, 0 of one that does not count."""
         return {name: self.weights.get(name, np.ones(self.misfit.measured[name].size)) for name in self.misfit.outputs}
@@ -169,43 +232,41 @@ class LeastSquares:
             return values, scales
         for _ in range(ROUNDS):
             left = self._left(values)
-            weights = {name: self._trust(name, each, sizes[name]) for name, each in left.items()}
-            if all(_alike(weights[name], each) for name, each in self._all_weights().items()):
+            weights = {name: trusted(self.misfit, name, each, sizes[name], self.robust, self.noise) for name, each in left.items()}
+            if all(alike(weights[name], each) for name, each in self._all_weights().items()):
                 break
             self.weights = weights
-            if self.noise is None and len(left) > 1:
-                scales = {
-                    name: max(float(np.sqrt(np.mean(each[weights[name] > 0.0] ** 2))), 1e-9 * sizes[name]) for name, each in left.items()
-                }
+            if self._has_several_scales():
+                scales = self._balanced(values, sizes)
             values = self._descend(values, scales, [self.misfit]).x
         return values, scales
 
-    def _trust(self, name: str, left: np.ndarray, size: float) -> np.ndarray:
-        """Weights of the samples of a signal: none of those that break the law, and of those whose deviation is known otherwise that of the noise by it.
+    def _balanced(self, values: np.ndarray, sizes: Mapping[str, float]) -> dict[str, float]:
+        """Scales of all signals by their residuals, and with them the share of each recording: by how many of its samples tell anything new.
 
-        These scatter more than they were thought to where their own residuals say so, by the ratio of Birge, with few of them by that of Student.
+        Residuals that repeat each other, as by noise of the force, would else outweigh the few independent samples of another recording.
         """
-        from scipy.special import ndtri, stdtrit
+        scales, shares, left = {}, {}, self._left(values)
+        for name, own in self._all_weights().items():
+            repeats = self.repeats.get(name, np.ones(own.size))
+            parts, least = [], 1e-9 * sizes[name]
+            for rows in rows_of(self.misfit.blocks(name)):
+                good = own[rows] > 0.0
+                rms = max(deviation(left[name][rows][good], repeats[rows][good], self.misfit.measured[name][rows]), least)
+                parts.append(np.full(good.size, rms * (memory(left[name][rows][good]) if self.repeats else 1.0)))
+            each = np.concatenate(parts)
+            scales[name] = float(each.min())
+            shares[name] = repeats * scales[name] / each
+        if self.repeats:
+            self.shares = shares
+        return scales
 
-        given, weights, deviation = self.misfit.deviations(name), np.ones(left.size), 1e-6 * size
-        own = np.isfinite(given)
-        for group in (~own, own):
-            if not group.any():
-                continue
-            noise, deviation = deviation, max(1.4826 * float(np.median(np.abs(left[group]))), deviation)
-            near = np.abs(left[group]) <= (self.robust or math.inf) * deviation
-            weights[group] = near
-        if 1.0 - np.mean(weights > 0.0) > FEW:
-            weights[:] = 1.0
-        if own.any():
-            noise = noise if self.noise is None else self.noise[name]
-            known = np.hypot(given[own], max(float(np.median(given[own])), 1e-6 * size)) / math.sqrt(
-                2.0
-            )  # each is itself known to its size only
-            parts, count = (left[own] / known)[weights[own] > 0.0], int(weights[own].sum())
-            scatter = float(parts @ parts) / (count - 1) * float(stdtrit(count - 1, 0.975) / ndtri(0.975)) ** 2 if count > 1 else 1.0
-            weights[own] *= np.minimum(noise / (known * math.sqrt(max(scatter, 1.0))), MOST)
-        return weights
+    def _samples(self) -> float:
+        """Number of samples that count, one for all that repeat one value of an encoder."""
+        return sum(
+            float(np.sum(self.repeats[name][own > 0.0] ** 2)) if self.repeats else float(np.count_nonzero(own))
+            for name, own in self._all_weights().items()
+        )
 
     def _equal(self, values: np.ndarray, scales: Mapping[str, float], jacobian: np.ndarray, left: Mapping[str, np.ndarray]) -> str:
         """The law whose static friction the data cannot tell from the kinetic one; none where they can, or only one is free."""
@@ -219,17 +280,18 @@ class LeastSquares:
         square = float((self._weighed(left, scales) ** 2).sum()) / max(len(jacobian) - len(self.names), 1)
         for law in laws:
             pair = np.array([(each == f"{law}static") * 1.0 - (each == f"{law}kinetic") for each in self.names])
+            told = (jacobian != 0.0).any(axis=0)  # the start of a run at rest has no influence
             with contextlib.suppress(np.linalg.LinAlgError):
-                variance = square * float(pair @ np.linalg.inv(np.einsum("ni,nj->ij", jacobian, jacobian)) @ pair)
-                if 0.0 < CLEAR * variance < float(pair @ values) ** 2:
+                variance = square * float(pair[told] @ _inverse(jacobian[:, told]) @ pair[told])
+                if told[pair != 0.0].all() and 0.0 < CLEAR * variance < float(pair @ values) ** 2:
                     continue
             mute = not (jacobian[:, self.names.index(f"{law}static")] != 0.0).any()
             try:
-                one, rest = self._as_one(values, law, scales, values[self.names.index(f"{law}kinetic")] if mute else None)
+                one, rest = self._as_one(values, law, scales, values[self.names.index(f"{law}kinetic")] if mute else None, roughly=True)
             except (SceneError, SimulationError):
                 continue
             squares = [float((self._weighed(self._left(each), scales) ** 2).sum()) for each in (values, one)]
-            n = sum(int(np.count_nonzero(own)) for own in self._all_weights().values())
+            n = self._samples()
             ways = self._weighed(self.misfit.slopes(one, self._size(one)), scales) @ rest.directions
             fewer = len(self.names) - int((ways != 0).any(axis=0).sum())
             if fewer < 1 or n <= len(self.names) or squares[0] <= 0.0:
@@ -252,8 +314,13 @@ class LeastSquares:
         ratio = (squares[1] - squares[0]) * (n - 2) / squares[0] if n > 2 and squares[0] > 0.0 else math.inf
         return law if fisher.sf(ratio, 1, n - 2) > 0.05 else ""
 
-    def _as_one(self, values: np.ndarray, law: str, scales: Mapping[str, float], first: float | None = None) -> tuple[np.ndarray, Resting]:
-        """The optimum with static friction equal to kinetic, and how the numbers move there; first: where it is searched from, their mean by default."""
+    def _as_one(
+        self, values: np.ndarray, law: str, scales: Mapping[str, float], first: float | None = None, roughly: bool = False
+    ) -> tuple[np.ndarray, Resting]:
+        """The optimum with static friction equal to kinetic, and how the numbers move there.
+
+        first: where it is searched from, their mean by default;  roughly: whether few digits will do.
+        """
         pair = tuple(self.names.index(f"{law}{word}") for word in ("static", "kinetic"))
         level = values.copy()
         level[list(pair)] = np.clip(
@@ -262,10 +329,10 @@ class LeastSquares:
         rest = Resting({}, level, pair)
         ways = rest.directions
         heard = np.asarray((self._weighed(self.misfit.slopes(level, self._size(level)), scales) @ ways != 0).any(axis=0))
-        return self._along(level, ways[:, heard], scales), rest
+        return self._along(level, ways[:, heard], scales, roughly), rest
 
-    def _along(self, values: np.ndarray, ways: np.ndarray, scales: Mapping[str, float]) -> np.ndarray:
-        """Where least squares end in these directions, in which numbers that rest on each other move as one."""
+    def _along(self, values: np.ndarray, ways: np.ndarray, scales: Mapping[str, float], roughly: bool = False) -> np.ndarray:
+        """Where least squares end in these directions, in which numbers that rest on each other move as one; roughly: whether few digits will do."""
         from scipy.optimize import least_squares
 
         size = self._size(values)
@@ -278,7 +345,7 @@ class LeastSquares:
 
         found = least_squares(
             lambda z: self._heard(residuals(self.misfit, values + ways @ (z * length), scales)), np.zeros(ways.shape[1]), slopes,
-            bounds=(np.minimum(low, -1e-15), np.maximum(high, 1e-15)), xtol=1e-10, ftol=1e-12, gtol=1e-12, max_nfev=100,
+            bounds=(np.minimum(low, -1e-15), np.maximum(high, 1e-15)), **_tolerances(roughly),
         )  # fmt: skip
         moved: np.ndarray = values + ways @ (found.x * length)
         return moved
@@ -308,9 +375,10 @@ class LeastSquares:
 
     def _heard(self, row: np.ndarray) -> np.ndarray:
         """What stands in a row of all signals, each sample by its weight."""
-        if self.weights:
-            weights = np.concatenate([self.weights[name] for name in self.misfit.outputs])
-            row *= weights if row.ndim == 1 else weights[:, None]
+        for each in (self.weights, self.shares):
+            if each:
+                weights = np.concatenate([each[name] for name in self.misfit.outputs])
+                row *= weights if row.ndim == 1 else weights[:, None]
         return row
 
     def _given_noise(self, sizes: Mapping[str, float]) -> dict[str, float]:
@@ -338,9 +406,17 @@ class LeastSquares:
         return [inside, *(low + drawn * (high - low))]
 
     def _descend(
-        self, begin: np.ndarray, scales: Mapping[str, float], horizons: Sequence[Any], tell: Callable[[], object] = lambda: None
+        self,
+        begin: np.ndarray,
+        scales: Mapping[str, float],
+        horizons: Sequence[Any],
+        tell: Callable[[], object] = lambda: None,
+        roughly: bool = False,
     ) -> Any:
-        """Where least squares end from some numbers, over longer and longer parts of the data; tell: called after each evaluation of the model."""
+        """Where least squares end from some numbers, over longer and longer parts of the data.
+
+        tell: called after each evaluation of the model;  roughly: whether few digits will do, because a search with other weights follows.
+        """
         from scipy.optimize import least_squares
 
         size = self._size(self.first)
@@ -362,14 +438,11 @@ class LeastSquares:
                 row = residuals(misfit, ways @ (q * size), scales)
                 return self._heard(row) if misfit is self.misfit else row
 
-            whole = misfit is self.misfit
+            whole = misfit is self.misfit and not roughly
             given: dict[str, Any] = {"fun": left, "jac": slopes, "x0": np.clip(back @ values, low, high) / size}
             given |= {
                 "x_scale": "jac",
-                "xtol": 1e-10 if whole else 1e-4,
-                "ftol": 1e-10 if whole else 1e-4,
-                "gtol": 1e-12,
-                "max_nfev": 100 if whole else 30,
+                **_tolerances(not whole),
             }
             found: Any = self._unbounded(given, size) if misfit.by_samples else None
             found = found or least_squares(**given, bounds=(low / size, high / size))
@@ -428,33 +501,3 @@ class LeastSquares:
     def _left(self, values: np.ndarray) -> dict[str, np.ndarray]:
         model = self.misfit.model(values)
         return {name: model[name] - self.misfit.measured[name] for name in self.misfit.outputs}
-
-    def _identifiable(self, names: Sequence[str], per_part: np.ndarray, at: Mapping[str, float]) -> float:
-        """Condition of the scaled Jacobian; raises SceneError where it is singular, and names what is to blame."""
-        if not names:
-            raise Unidentifiable(
-                "Argument `free` must hold numbers that the data depend on, but none of them changes a measured signal at the optimum.",
-                list(self.names), True, at,
-            )  # fmt: skip
-        length = np.sqrt((per_part**2).mean(axis=0))
-        mute = [name for name, size in zip(names, length, strict=True) if size < MUTE]
-        if mute:
-            words = " and ".join(f"`{name}`" for name in mute)
-            raise Unidentifiable(
-                f"Argument `free` must hold numbers that the data depend on, but {words} changes none of the measured signals.",
-                [each for name in mute for each in name.split(" = ")], True, at,
-            )  # fmt: skip
-        square, directions = np.linalg.eigh(np.einsum("ni,nj->ij", per_part, per_part) / (length[:, None] * length * len(per_part)))
-        singular = np.sqrt(np.maximum(square, 0.0))
-        if singular[0] < SINGULAR * singular[-1]:
-            direction = directions[:, 0] / length
-            direction /= np.abs(direction).max()
-            involved = [(name, part) for name, part in zip(names, direction, strict=True) if abs(part) > 0.05]
-            words = " and ".join(f"`{name}`" for name, _ in involved)
-            changes = ", ".join(f"{100 * part:+.3g} % of `{name}`" for name, part in involved)
-            raise Unidentifiable(
-                f"Argument `free` must hold numbers that the data can tell apart, but {words} cannot be: changes in the ratio {changes} "
-                f"leave every residual as it is (singular values {singular[0]:.1e} : {singular[-1]:.1e}). Fix all of them but one.",
-                [each for name, _ in involved for each in name.split(" = ")], False, at,
-            )  # fmt: skip
-        return float(singular[-1] / singular[0])

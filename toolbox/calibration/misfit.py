@@ -52,6 +52,10 @@ class Misfit:
         """Standard deviations of samples of an output that are known in another way than by measuring them; nan of all others."""
         return np.full(self.measured[output].size, np.nan)
 
+    def blocks(self, output: str) -> list[int]:
+        """Number of samples of an output in each recording, in their order."""
+        return [self.measured[output].size]
+
     def apart(self, values: np.ndarray) -> dict[str, float]:
         """{output: how far from the model its first samples are}, of those that begin elsewhere; none where nothing is simulated from a start."""
         return {}

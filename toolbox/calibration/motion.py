@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from toolbox.calibration.recording import Recording
+from toolbox.calibration.trust import scatter
 from toolbox.errors import SceneError
 
 SMOOTH = 0.01
@@ -40,6 +41,12 @@ SHARE = 1e-6
 CLEAR = 9.0
 """F-value from which on the impulse of the force is seen in the speed: three deviations."""
 
+TRIED = 16
+"""Stribeck speeds that are tried."""
+
+SHARP = 5e-4
+"""Noise of the speed, as a fraction of the largest speed, that is small."""
+
 NEAR = 0.98
 """Part of its largest value up to which a mass that the data do not tell may be held."""
 
@@ -49,7 +56,8 @@ class Run:
     """A stretch of a recording without a gap.
 
     recording: its samples, from time 0;  time, speed, acceleration, force: smoothed motion and measured force, shapes (n,), with force 0 where none was
-    measured;  starts: {state: value at the begin};  noise: deviation of the smoothed speed.
+    measured;  starts: {state: value at the begin};  noise: deviation of the smoothed speed;  values: measured speed or position at these times;  order: of
+    the derivative of the values that is the speed.
     """
 
     recording: Recording
@@ -59,6 +67,8 @@ class Run:
     force: np.ndarray
     starts: dict[str, float]
     noise: float
+    values: np.ndarray
+    order: int
 
     @property
     def span(self) -> float:
@@ -68,8 +78,7 @@ class Run:
     @cached_property
     def stretches(self) -> list[slice]:
         """Samples during which the body moves, without pauses, away from the ends of the run."""
-        edges = np.flatnonzero(np.diff(_moving(self).astype(int), prepend=0, append=0))
-        return [slice(begin, end) for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True) if end - begin > 3]
+        return _stretches(_moving(self))
 
     @property
     def departures(self) -> set[float]:
@@ -95,6 +104,19 @@ class Guess:
     told: bool = True
     most: float = math.inf
     one_speed: bool = False
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Numbers at which the search of a Stribeck curve begins.
+
+    about: mass, constant force, and Stribeck speed;  sides: static, kinetic and viscous friction, each way;  gain: by how much the log-likelihood of the
+    regression is greater than without the friction that falls with speed.
+    """
+
+    about: Guess
+    sides: list[tuple[float, float, float]]
+    gain: float
 
 
 def _width(samples: int) -> int:
@@ -124,8 +146,7 @@ def _noise(values: np.ndarray) -> float:
     """Deviation of the noise of samples, by what two neighbours do not say of a sample, and by their smallest step."""
     changes = np.abs(np.diff(values))
     step = float(changes[changes > 0.0].min(initial=math.inf))
-    scatter = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
-    return max(scatter, step / math.sqrt(12.0) if math.isfinite(step) else 0.0, DIGITS * float(np.abs(values).max()))
+    return max(scatter(values), step / math.sqrt(12.0) if math.isfinite(step) else 0.0, DIGITS * float(np.abs(values).max()))
 
 
 def runs_of(recording: Recording, part: Any) -> list[Run]:
@@ -160,7 +181,7 @@ def runs_of(recording: Recording, part: Any) -> list[Run]:
             starts[filtered] = float(values[0])
         drive = np.interp(even, time, own.signals[force][good]) if driven else np.zeros(even.size)
         noise = _noise(own.signals[seen][good]) * float(np.linalg.norm(_weights(even, shift)))
-        found.append(Run(own, even, v, a, drive, starts, noise))
+        found.append(Run(own, even, v, a, drive, starts, noise, values, shift))
     if not found:
         raise SceneError(f"The data of {recording.source} must hold a stretch of ten samples without a gap, but there is none.")
     return found
@@ -266,6 +287,79 @@ def first_guess(runs: Sequence[Run], body: float, *, free: bool, seen: bool, off
     size = max(float(max(np.abs(run.force).max() for run in runs)), abs(level), 1e-9)
     slope = 0.0 if one_speed else max(slope, 1e-3 * size / top)
     return Guess(mass, max(level, 0.02 * size), slope, constant, 0.1 * top, told, most, one_speed)
+
+
+def stribeck_guess(runs: Sequence[Run], about: Guess, *, free: bool, offset: bool, directions: bool) -> Curve | None:
+    """Return numbers at which the search of a Stribeck curve begins, by the regression of `first_guess` with its curve at many Stribeck speeds.
+
+    None if nothing moves. The speed is smoothed less than for `first_guess`, because a Stribeck curve is short.
+    """
+    top = max(float(np.abs(run.speed).max()) for run in runs)
+    stretches = []
+    for run in runs:
+        sharp, noise = _sharp(run, top)
+        stretches += [(run.time[part], run.force[part], sharp[part]) for part in _stretches(np.abs(sharp) > STILL * noise)]
+    ways = (1.0, -1.0) if directions else (0.0,)
+    if not stretches:
+        return None
+    best: tuple[float, np.ndarray, float] = (math.inf, np.zeros(0), 0.0)
+    for speed in (top * np.geomspace(0.005, 0.6, TRIED)).tolist():
+        rows = []
+        for time, force, v in stretches:
+            side = np.sign(v)
+            curves = [side, v, side * np.exp(-((v / speed) ** 2))]
+            columns = [np.where((side == way) | (way == 0.0), each, 0.0) for way in ways for each in curves] + [np.ones(v.size)] * offset
+            rows.append(np.stack([_centred(each) for each in (v, *(_impulse(time, one) for one in (force, *columns)))], axis=1))
+        v, force, basis = np.split(np.concatenate(rows), [1, 2], axis=1)
+        known, given = (np.hstack([force, -basis]), v) if free and about.told else (basis, force - about.mass * v)
+        numbers = np.linalg.lstsq(known, given, rcond=None)[0][:, 0]
+        away = known @ numbers[:, None] - given
+        left = float(np.sum(away**2))
+        if left < best[0]:
+            best, rest, plain = (
+                (left, numbers, speed),
+                away[:, 0],
+                [i for i in range(known.shape[1]) if i not in _falls(len(ways), known.shape[1], offset)],
+            )
+            without = given - known[:, plain] @ np.linalg.lstsq(known[:, plain], given, rcond=None)[0]
+    left, numbers, speed = best
+    mass = about.mass
+    if free and about.told and numbers[0] > 0.0:
+        mass = 1.0 / float(numbers[0])
+        numbers = mass * numbers[1:]
+    elif free and about.told:
+        numbers = numbers[1:]
+    sides = []
+    for level, slope, more in numbers[: 3 * len(ways)].reshape(-1, 3).tolist():
+        kinetic = max(level, 0.1 * about.level)
+        sides.append((kinetic + max(more, 0.05 * kinetic), kinetic, max(slope, 0.1 * about.viscous)))
+    constant = float(numbers[-1]) if offset else about.offset
+    alike = min(max(float(np.einsum("n,n->", rest[1:], rest[:-1])) / left, 0.0), 1.0) if left else 0.0
+    gain = 0.5 * rest.size * (1.0 - alike) / (1.0 + alike) * math.log(max(float(np.sum(without**2)), 1e-300) / max(left, 1e-300))
+    return Curve(replace(about, mass=mass, offset=constant, speed=speed), sides, gain)
+
+
+def _falls(ways: int, columns: int, offset: bool) -> list[int]:
+    """Columns of such a regression with the friction that falls with speed."""
+    return [columns - offset - 1 - 3 * way for way in range(ways)]
+
+
+def _sharp(run: Run, top: float) -> tuple[np.ndarray, float]:
+    """Speed of a run by the shortest polynomials whose noise is small against the largest speed, at most as long as those of `speed`, and this noise."""
+    from scipy.signal import savgol_coeffs, savgol_filter  # here, because it is slow to import
+
+    step, longest, noise = (run.time[-1] - run.time[0]) / (run.time.size - 1), _width(run.time.size), _noise(run.values)
+    for width in range(5, longest + 1, 2):
+        own = noise * float(np.linalg.norm(savgol_coeffs(width, 3, deriv=run.order, delta=step)))
+        if own < SHARP * top:
+            return savgol_filter(run.values, width, 3, deriv=run.order, delta=step), own
+    return run.speed, run.noise
+
+
+def _stretches(moves: np.ndarray) -> list[slice]:
+    """Stretches of more than three samples that move, without pauses."""
+    edges = np.flatnonzero(np.diff(moves.astype(int), prepend=0, append=0))
+    return [slice(begin, end) for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True) if end - begin > 3]
 
 
 def is_one_speed(speed: np.ndarray) -> bool:

@@ -21,6 +21,21 @@ from toolbox.logs.grids import Source
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import names as names_of
 
+JUMP, LEAST_JUMP = 10.0, 0.02
+"""Change from one sample to the next, at least, that is a jump: as a multiple of the usual change, and as a fraction of the range."""
+
+BESIDE = 0.3
+"""Change before and after a jump, at most, as a fraction of the jump."""
+
+
+def jumps(values: np.ndarray) -> np.ndarray:
+    """Return for each sample but the last whether a channel, which else changes little from sample to sample, jumps before the next one, shape (n - 1,)."""
+    changes = np.abs(np.diff(values))
+    neighbours = np.maximum(np.append(changes[1:], 0.0), np.insert(changes[:-1], 0, 0.0))
+    far = changes > np.maximum(JUMP * np.median(changes), LEAST_JUMP * np.ptp(values))
+    there: np.ndarray = far & (neighbours < BESIDE * changes)
+    return there
+
 
 @dataclass(frozen=True)
 class Recording(Result):
@@ -49,6 +64,8 @@ class Recording(Result):
         Inputs that keep the value of a sample until the next one (zero-order hold), such as the commands of a digital
         drive. All other signals are interpolated linearly. None: not declared, so that `fit` estimates which inputs are
         held.
+    stepped
+        Inputs that jump at the sample behind a jump, and are straight lines between all other samples.
     display_units
         {SI unit: unit of the log}, for results in the units of the log.
 
@@ -72,6 +89,7 @@ class Recording(Result):
     notes: tuple[str, ...] = ()
     begin: float = 0.0
     held: tuple[str, ...] | None = None
+    stepped: tuple[str, ...] = ()
     display_units: Mapping[str, str] = field(default_factory=dict)
 
     def _table(self) -> HeadedRows:
@@ -170,6 +188,16 @@ class Recording(Result):
         """
         return replace(self, held=tuple(self._known(name) for name in names_of(inputs)))
 
+    def stepping(self, inputs: Sequence[str]) -> Recording:
+        """Return the recording with jumps of these inputs at the sample behind them, and straight lines between all other samples.
+
+        Parameters
+        ----------
+        inputs
+            Names of the inputs that jump.
+        """
+        return replace(self, held=(), stepped=tuple(inputs))
+
     def between(self, begin: NumberOrText, end: NumberOrText) -> Recording:
         """Return the samples between two times [s]. The time of the result begins at 0.
 
@@ -234,9 +262,13 @@ class Recording(Result):
         self.unbroken(measured, words, 2 if max_gap is None else max_gap, remedy)
         good = {name: np.isfinite(self.signals[name]) for name in measured}
         tables = {name: (self.time[good[name]], self.signals[name][good[name]]) for name in measured}
-        return {
-            name: (np.repeat(t, 2)[1:], np.repeat(v, 2)[:-1]) if name in (self.held or ()) else (t, v) for name, (t, v) in tables.items()
-        }
+        for name, (t, v) in tables.items():
+            if name in (self.held or ()):
+                tables[name] = np.repeat(t, 2)[1:], np.repeat(v, 2)[:-1]
+            elif name in self.stepped:
+                before = np.flatnonzero(jumps(v))
+                tables[name] = np.insert(t, before + 1, t[before + 1]), np.insert(v, before + 1, v[before])
+        return tables
 
     def unbroken(self, names: Sequence[str], what: str, max_gap: int = 2, remedy: str = "") -> None:
         """Raise SceneError if the named signals have a gap of more than `max_gap` samples.

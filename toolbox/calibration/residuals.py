@@ -11,7 +11,6 @@ Three misfits, one interface (`model`, `slopes`, `measured`, `time`), and `Toget
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +21,7 @@ from toolbox.calibration.misfit import Misfit
 from toolbox.calibration.panels import TIME, Panel
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.shifts import Shift
+from toolbox.calibration.trust import scatter
 from toolbox.errors import GrazingError, SceneError, SimulationError
 from toolbox.logs.flaws import of_levels
 from toolbox.measuring.sticks import stick_intervals
@@ -118,10 +118,10 @@ class Simulated(Misfit):
             size = given[name].times.size
             keep = np.zeros(size, bool)
             keep[::2] = keep[-1] = True
-            if of_levels(given[name].values):
-                jumps = np.diff(given[name].values) != 0.0
-                keep[1:] |= jumps
-                keep[:-1] |= jumps
+            if of_levels(given[name].values) or name in self.recording.stepped:
+                kept = np.diff(given[name].values) != 0.0 if of_levels(given[name].values) else np.diff(given[name].times) == 0.0
+                keep[1:] |= kept
+                keep[:-1] |= kept
             fewer[name] = Table(given[name].times[keep], given[name].values[keep])
         return Simulated(self.loop.replace(inputs={**self.loop.inputs, **fewer}), self.recording, self.numbers, self.accuracy, self.shifts)
 
@@ -148,8 +148,7 @@ class Simulated(Misfit):
         for name, model in self.model(values).items():
             measured = self.measured[name]
             first = float(np.median(np.abs(model - measured)[:3]))  # not one sample, which may be a stray
-            noise = 1.4826 * float(np.median(np.abs(np.diff(measured, 2)))) / math.sqrt(6.0)  # what two neighbours do not say of a sample
-            if first > max(PART * np.ptp(measured), FAR * noise):
+            if first > max(PART * np.ptp(measured), FAR * scatter(measured)):
                 found[name] = first
         return found
 

@@ -64,6 +64,9 @@ class Fit(Told, Result):
     held
         {measured input with zero-order hold: log-likelihood with zero-order hold minus log-likelihood with linear
         interpolation}. inf if the hold was declared by the user.
+    stepped
+        {measured input whose jumps are at the sample behind them: log-likelihood with such jumps minus log-likelihood with
+        linear interpolation}.
     indistinguishable_friction
         The friction law whose static and kinetic friction the data cannot distinguish, such as "bit.friction.". Empty
         if the data can distinguish them.
@@ -105,6 +108,7 @@ class Fit(Told, Result):
     indistinguishable_friction: str = ""
     initial_mismatch: Mapping[str, float] = field(default_factory=dict)
     held: Mapping[str, float] = field(default_factory=dict)
+    stepped: Mapping[str, float] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         """An estimate in SI."""
@@ -208,6 +212,11 @@ class Fit(Told, Result):
                 else f"as the data say (log-likelihood {gain:+.3g}; `zero_order_hold=()`, or --zero-order-hold none, draws straight lines)"
             )
             lines.append(f"  {name} is held between its samples, {why}")
+        lines += [
+            f"  {name} jumps at its samples, and is a straight line between all others, as the data say (log-likelihood {gain:+.3g}; "
+            "`zero_order_hold=()`, or --zero-order-hold none, draws straight lines)"
+            for name, gain in self.stepped.items()
+        ]
         if len(self.names) > 1:
             i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))
             lines.append(

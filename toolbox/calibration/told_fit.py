@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy as np
 from toolbox.calibration.fit import fit
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.results import Fit
-from toolbox.calibration.windows import Search
 from toolbox.errors import SceneError, SimulationError, Unidentifiable
 from toolbox.modelling.composition import compose
 
@@ -22,7 +22,7 @@ EXPERIMENTS = {
     "static": "raise the force slowly from rest until it moves, several times each way",
     "kinetic": "move at steady speeds over the whole range",
     "viscous": "move at steady speeds that differ by a factor of five or more",
-    "stribeck_speed": "move at slow steady speeds, from creep to three times the speed at which friction is least",
+    "stribeck_speed": "move at slow steady speeds, from creep to three times the Stribeck speed, around which friction falls from static to kinetic",
     "force_offset": "move both ways, by the same path",
     "torque_offset": "move both ways, by the same path",
     "mass": "accelerate by a measured force: steps, or a sine of the largest force",
@@ -32,6 +32,32 @@ EXPERIMENTS = {
     "shift": "record a step of the force, which marks the clocks of both channels",
 }
 """{last word of a number: experiment that tells it}."""
+
+
+WIDE, WIDE_SPEED = 0.1, 0.3
+"""Half-width of an interval, as a fraction of the estimate, from which on a mass is hardly told from friction, and a Stribeck speed hardly at all."""
+
+TIED = 0.9
+"""Correlation with a mass from which on a friction moves with it."""
+
+
+def hardly_told(found: Fit, body: str) -> dict[str, str]:
+    """Return {number: why its interval is wide, and which experiment makes it narrow}, of the mass and of Stribeck speeds. body: name of the mass."""
+    told = {}
+    for i, (name, value) in enumerate(zip(found.names, found.values.tolist(), strict=True)):
+        word = name.rpartition(".")[2]
+        width = found.interval_factor * float(found.standard_errors[i]) / abs(value) if value else math.inf
+        if name == body and WIDE < width < 1.0:
+            ties = {other: float(r) for other, r in zip(found.names, found.correlation[i], strict=True) if ".friction." in other}
+            tied = max(ties, key=lambda other: abs(ties[other]), default="")
+            if tied and abs(ties[tied]) > TIED:
+                told[name] = (
+                    f"its interval is +-{100 * width:.2g} %, because the recordings hardly tell {word} from friction: other values go with another `{tied}` "
+                    f"(correlation {ties[tied]:+.2f}). To tell them apart, {EXPERIMENTS[word]}."
+                )
+        elif word == "stribeck_speed" and WIDE_SPEED < width < 1.0:
+            told[name] = f"its interval is +-{100 * width:.2g} %. To tell it, {EXPERIMENTS[word]}."
+    return told
 
 
 def start_of(part: Any, name: str) -> str:
@@ -87,7 +113,7 @@ def told_fit(
     def again(values: Mapping[str, float]) -> bool:
         if options["starts"].starts > 1 or not astray(values):
             return False
-        options["starts"] = Search(SEARCHES)
+        options["starts"] = dataclasses.replace(options["starts"], starts=SEARCHES, growing=True)
         return True
 
     while True:

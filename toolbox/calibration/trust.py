@@ -90,6 +90,14 @@ def begins_apart(
 
 def residual_of(signal: str, unit: str, left: np.ndarray, measured: np.ndarray) -> Residual:
     """The residual of one signal. left: model minus measured."""
+    whiteness, correlation = portmanteau(left)
+    span = float(np.ptp(measured))
+    rms = float(np.sqrt(np.mean(left**2)))
+    return Residual(signal, unit, rms, rms / span if span else math.nan, whiteness, correlation)
+
+
+def portmanteau(left: np.ndarray) -> tuple[float, float]:
+    """The p-value of whiteness (Ljung and Box 1978), and the correlation of neighbours."""
     from scipy.special import chdtrc
 
     n = left.size
@@ -98,14 +106,41 @@ def residual_of(signal: str, unit: str, left: np.ndarray, measured: np.ndarray) 
     lags = max(1, min(20, n // 5))
     # not @, whose threads wait for each other for longer than so short a product takes
     correlations = [float(np.einsum("i,i->", centred[i:], centred[:-i])) / power if power else 0.0 for i in range(1, lags + 1)]
-    portmanteau = n * (n + 2) * sum(r * r / (n - i) for i, r in enumerate(correlations, 1))
-    span = float(np.ptp(measured))
-    rms = float(np.sqrt(np.mean(left**2)))
-    return Residual(signal, unit, rms, rms / span if span else math.nan, float(chdtrc(lags, portmanteau)), correlations[0])
+    total = n * (n + 2) * sum(r * r / (n - i) for i, r in enumerate(correlations, 1))
+    return float(chdtrc(lags, total)), correlations[0]
 
 
-def correlated(jacobian: np.ndarray, weighed: np.ndarray, blocks: Sequence[int], spread: float, structured: Sequence[bool]) -> np.ndarray:
-    """J^T G J, where G is the covariance of the residuals: `spread` times one where they are white, that of an autoregression where they have structure.
+def scatter(samples: np.ndarray) -> float:
+    """Deviation of the noise of samples, by the part of each sample that its two neighbours do not tell."""
+    return 1.4826 * float(np.median(np.abs(np.diff(samples, 2)))) / math.sqrt(6.0)
+
+
+def is_white(left: np.ndarray) -> bool:
+    """Whether residuals have no structure, at the significance level 0.05."""
+    return portmanteau(left)[0] >= 0.05
+
+
+def step_of(measured: np.ndarray, repeats: np.ndarray) -> float:
+    """The step of an encoder, where samples repeat its values; 0 of other samples. repeats: weights of the samples, below 1 of those that repeat."""
+    changes = np.abs(np.diff(measured))
+    return float(changes[changes > 0.0].min(initial=math.inf)) if (repeats < 1.0).any() and changes.any() else 0.0
+
+
+def deviation(left: np.ndarray, repeats: np.ndarray, measured: np.ndarray) -> float:
+    """Standard deviation of residuals, at least that of the steps of an encoder."""
+    size = float(np.sum(repeats**2))
+    return max(math.sqrt(float(np.sum((repeats * left) ** 2)) / size) if size else 0.0, step_of(measured, repeats) / math.sqrt(12.0))
+
+
+def memory(left: np.ndarray) -> float:
+    """How many times as wide an interval is as by white residuals of the same size; 1 where they are white, or alternate."""
+    if left.size < 21 or is_white(left):
+        return 1.0
+    return math.sqrt(max(1.0 + 2.0 * float(autocorrelation(left)[1:].sum()), 1.0))
+
+
+def correlated(jacobian: np.ndarray, weighed: np.ndarray, variance: float, has_structure: bool) -> np.ndarray:
+    """J^T G J of one recording, where G is the covariance of its residuals: `variance` times one where they are white, else that of an autoregression.
 
     With (J^T J)^-1 on both sides it is the covariance of estimates by least squares, for any G. The order of the autoregression is that of the criterion of
     Schwarz. Where neighbours are alike to a hundredth, the residual is what the model lacks: no average over time makes it smaller, so that what the tenths of
@@ -113,27 +148,26 @@ def correlated(jacobian: np.ndarray, weighed: np.ndarray, blocks: Sequence[int],
     """
     from scipy.signal import fftconvolve
 
-    k = jacobian.shape[1]
-    middle = np.zeros((k, k))
-    begin = 0
-    for size, has_structure in zip(blocks, structured, strict=True):
-        rows = slice(begin, begin + size)
-        begin += size
-        own = jacobian[rows]
-        white = np.einsum("ni,nj->ij", own, own) * spread
-        lags = autocorrelation(weighed[rows]) if has_structure and size > 20 else np.ones(1)
-        if lags.size > 1 and lags[1] > COHERENT and size >= 20 * PARTS:
-            pulls = np.stack([np.einsum("ni,n->i", own[part], weighed[rows][part]) for part in np.array_split(np.arange(size), PARTS)])
-            middle += np.einsum("bi,bj->ij", pulls, pulls) * PARTS**2 / (PARTS - 1)
-        elif lags.size > 1 and 1.0 + 2.0 * lags[1:].sum() > 1.0:  # residuals that alternate would make intervals narrower
-            kernel = np.concatenate([lags[:0:-1], lags])[:, None]
-            smoothed = fftconvolve(own, kernel, axes=0)[lags.size - 1 : lags.size - 1 + size]
-            variance = float(np.mean(weighed[rows][weighed[rows] != 0.0] ** 2))
-            wide = np.einsum("ni,nj->ij", own, smoothed) * variance
-            middle += 0.5 * (wide + wide.T)
-        else:
-            middle += white
-    return middle
+    size = len(jacobian)
+    white = np.einsum("ni,nj->ij", jacobian, jacobian) * variance
+    lags = autocorrelation(weighed) if has_structure and size > 20 else np.ones(1)
+    if lags.size > 1 and lags[1] > COHERENT and size >= 20 * PARTS:
+        pulls = np.stack([np.einsum("ni,n->i", jacobian[part], weighed[part]) for part in np.array_split(np.arange(size), PARTS)])
+        return np.einsum("bi,bj->ij", pulls, pulls) * PARTS**2 / (PARTS - 1)
+    if lags.size > 1 and 1.0 + 2.0 * lags[1:].sum() > 1.0:  # residuals that alternate would make intervals narrower
+        kernel = np.concatenate([lags[:0:-1], lags])[:, None]
+        smoothed = fftconvolve(jacobian, kernel, axes=0)[lags.size - 1 : lags.size - 1 + size]
+        wide = np.einsum("ni,nj->ij", jacobian, smoothed) * float(np.mean(weighed[weighed != 0.0] ** 2))
+        return _without_negative(0.5 * (wide + wide.T), np.sqrt(np.diag(white)))
+    return white
+
+
+def _without_negative(matrix: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """A symmetric matrix without its negative eigenvalues, which an autocorrelation that is cut off may leave; sizes: of its rows."""
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    values, ways = np.linalg.eigh(matrix / np.outer(sizes, sizes))
+    kept: np.ndarray = (ways * np.maximum(values, 0.0)) @ ways.T * np.outer(sizes, sizes)
+    return kept
 
 
 def autocorrelation(left: np.ndarray) -> np.ndarray:

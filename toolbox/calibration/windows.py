@@ -73,6 +73,9 @@ class Search:
     growing
         Whether a search by simulation goes over a quarter of the data first, then half, then all. False begins with all
         data, for start values near the optimum.
+    fits_held
+        Whether a fit is repeated with inputs held between samples if its residuals are no noise and the residuals do
+        not tell whether they are held.
 
     Examples
     --------
@@ -86,6 +89,7 @@ class Search:
     robust: float | None = 5.0
     accuracy: float = 1e-8
     growing: bool = True
+    fits_held: bool = True
 
     def __post_init__(self) -> None:
         whole("starts", self.starts, 1)
@@ -178,6 +182,10 @@ class Together:
     def deviations(self, output: str) -> np.ndarray:
         """Standard deviations of samples of an output that are known in another way than by measuring them, window by window."""
         return np.concatenate([misfit.deviations(output) for misfit in self.each if output in misfit.outputs])
+
+    def blocks(self, output: str) -> list[int]:
+        """Number of samples of an output in each window that has it."""
+        return [size for misfit in self.each if output in misfit.outputs for size in misfit.blocks(output)]
 
     @property
     def numbers(self) -> list[Number]:

@@ -13,7 +13,7 @@ from toolbox.commands.recording import results
 from toolbox.commands.terminal import drawn_as, earlier, figure_format, held_of, hold_argument, log_arguments, pairs, plain, show
 from toolbox.errors import SceneError
 
-FILES = ("identify.txt", "identify.csv", "identify.npz", "friction.png", "residuals.png")
+FILES = ("identify.txt", "identify.csv", "identify.npz", "scene.toml", "friction.png", "residuals.png")
 
 
 def add(commands: Any) -> None:
@@ -45,7 +45,9 @@ def add(commands: Any) -> None:
     verb.add_argument("--directions", action="store_true", help="find friction forwards and backwards apart")
     log_arguments(verb)
     hold_argument(verb)
-    verb.add_argument("--out", type=Path, metavar="DIR", help="folder for report, table, arrays, friction curve and residuals")
+    verb.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for report, table, arrays, scene to simulate, friction curve and residuals"
+    )
     figure_format(verb)
     verb.set_defaults(
         action=run,
@@ -93,11 +95,13 @@ def run(given: argparse.Namespace) -> int:
             (folder / "identify.txt").write_text(f"{found}\n", encoding="utf-8")
             found.save(folder / "identify.csv")
             found.save(folder / "identify.npz")
+            found.scene().save(folder / "scene.toml")
             figures.draw_found(found, "Friction over speed", folder / f"friction.{given.format}")
             figures.draw_found(_Residuals(found), "Measured and model", folder / f"residuals.{given.format}")
     show(str(found))
     if given.out:
         print(f"\nReport, table, friction curve and residuals are in {given.out}")
+        print(f"The identified plant is in {given.out / 'scene.toml'}: stickslip simulate {given.out / 'scene.toml'}")
     return 0
 
 

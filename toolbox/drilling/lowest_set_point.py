@@ -410,8 +410,9 @@ def lowest_set_point(
 ) -> LowestSetPoints:
     """Find the lowest set-point at which a controller ends existing stick-slip, on the nominal drill string and on groups of other strings.
 
-    Each test begins in the stick-slip that the initial controller has at the set-point. The controller of the loop
-    takes over at 8 phases of this cycle.
+    Each test begins in the stick-slip that the initial controller has on the nominal plant at the set-point. The
+    controller of the loop takes over at 8 phases of this cycle. If the nominal plant has no stick-slip at a set-point,
+    the tests of all groups begin in smooth running there: use `worst_case` with `TakenOver` for a plant that still sticks.
 
     - Protocol `takeover`: the set-point stays constant.
     - Protocol `ramp`: the set-point is raised to 12 rad/s and lowered again.

@@ -71,9 +71,9 @@ def start_up(
     >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), drive)
     >>> for asked in ("7 rad/s", start_up(loop, "7 rad/s")):
     ...     run = simulate(loop, "150 s", inputs={"top.reference": asked})
-    ...     print(run.time_in("bit", "stick", after=100.0) > 10.0)
-    True
-    False
+    ...     print(f"{run.time_in('bit', 'stick', after=100.0):.1f} s in stick")
+    16.9 s in stick
+    0.0 s in stick
     """
     plant = loop.plant
     try:

@@ -25,6 +25,7 @@ from toolbox.arguments import FloatArray
 from toolbox.measuring.quintics import steps_of
 from toolbox.measuring.sticks import joined, shortest_stick, stick_intervals
 from toolbox.simulation.run_state import RunState
+from toolbox.simulation.samples import Samples
 from toolbox.simulation.trajectory import Trajectory
 
 STANDS, STICKS, SWINGS, SMOOTH, NOT_DECIDED = "stands", "sticks and slips", "swings", "smooth", "not decided"
@@ -114,8 +115,8 @@ class Record:
     """Observations of the judge: the sticks of a contact, and the motion of a signal.
 
     sticks: (begin, end) of each, shape (sticks, 2);  steps: (begin, end, lowest value, highest value, integral) of the steps of each piece, cut where windows
-    of a length end, which divides that of a piece;  windows: lowest and highest value in each, shape (windows, 2);  recent: the last three pieces, whose forces
-    are looked at where the contact stays.
+    of a length end, which divides that of a piece;  windows: lowest and highest value in each, shape (windows, 2);
+    recent: 65 samples of the second half of each of the last three pieces, whose forces are looked at where the contact stays.
     """
 
     element: str
@@ -127,7 +128,7 @@ class Record:
     windows: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     first: float = math.nan
     now: float = math.nan
-    recent: list[Trajectory] = field(default_factory=list)
+    recent: list[Samples[FloatArray]] = field(default_factory=list)
 
     def add(self, run: Trajectory) -> None:
         """Add a run that begins at the end of the previous run."""
@@ -142,12 +143,12 @@ class Record:
         window = np.minimum.reduceat(found.lowest, first), np.maximum.reduceat(found.highest, first)
         self.windows = np.concatenate([self.windows, np.column_stack(window)])
         self.now = run.end
-        self.recent = [*self.recent[-2:], run]
+        late = run.every_step.at(np.linspace(0.5 * (run.begin + run.end), run.end, 65))  # not the run, whose steps may take 90 MB
+        self.recent = [*self.recent[-2:], late]
 
-    def _span(self, run: Trajectory) -> FloatArray:
+    def _span(self, late: Samples[FloatArray]) -> FloatArray:
         """Range of the force of every contact over the second half of a piece, in parts of its largest value."""
-        late = run.every_step.at(np.linspace(0.5 * (run.begin + run.end), run.end, 65))
-        forces = [ca.SX(each.force) for each in run.program.system.elements if each.holds or each.name == self.element]
+        forces = [ca.SX(each.force) for each in late.program.system.elements if each.holds or each.name == self.element]
         force = late.computed(ca.vertcat(*forces)).reshape(65, -1)
         return np.asarray(np.ptp(force, axis=0) / np.maximum(np.abs(force).max(axis=0), 1e-300))
 

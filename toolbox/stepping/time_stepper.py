@@ -9,8 +9,9 @@ import math
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.calendar import GO_ON, full, jumps, next_stop, outputs_due, record, samples
+from toolbox.stepping.events import BEYOND
 from toolbox.stepping.guards import finite, project
-from toolbox.stepping.modes import BEYOND, note_event
+from toolbox.stepping.modes import note_event
 from toolbox.stepping.starts import begin
 from toolbox.translation.compiled import Compiled
 from toolbox.translation.words import call

@@ -56,7 +56,7 @@ SHELVES = {
         "strings": ("Drill strings", "sections pipe_sizes shaft drill_string tabulated_string axial top_drive wells"),
         "boreholes": (
             "Boreholes, torque and drag",
-            "survey torque_and_drag friction_calibration torque_drag_effects wall_friction lateral",
+            "survey torque_and_drag friction_calibration drag_effects wall_friction lateral",
         ),
         "bits": ("Bits and rocks", "bit_rock smooth_bit_rock hysteretic_bit_rock drag_bit elastic_rock"),
         "friction": ("Friction laws", "friction bristles rate_and_state bristle_contact dither"),

@@ -31,6 +31,8 @@ from .disks import uniform_wear_radius as uniform_wear_radius
 from .dither import averaged_friction as averaged_friction
 from .dither import tangential_dither as tangential_dither
 from .drag_bit import DragBit as DragBit
+from .drag_effects import TorqueDragEffects as TorqueDragEffects
+from .drag_effects import torque_drag_effects as torque_drag_effects
 from .drill_string import TorsionalChain as TorsionalChain
 from .elastic.body import ElasticBody as ElasticBody
 from .elastic.face import ElasticFace as ElasticFace
@@ -83,8 +85,6 @@ from .torque_and_drag import TorqueDrag as TorqueDrag
 from .torque_and_drag import TorqueDragOperations as TorqueDragOperations
 from .torque_and_drag import torque_drag as torque_drag
 from .torque_and_drag import torque_drag_operations as torque_drag_operations
-from .torque_drag_effects import TorqueDragEffects as TorqueDragEffects
-from .torque_drag_effects import torque_drag_effects as torque_drag_effects
 from .torsional_pendulum import TorsionalPendulum as TorsionalPendulum
 from .valve_spool import ValveSpool as ValveSpool
 from .wall_friction import StringOnWall as StringOnWall

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from models.drag_effects import TorqueDragEffects, torque_drag_effects
 from models.drill_string import TorsionalChain
 from models.friction_calibration import FrictionCalibration, calibrate_friction
 from models.friction_factors import FrictionFactors
@@ -17,7 +18,6 @@ from models.sections import Section, sections_of
 from models.soft_string import side_force
 from models.survey import Survey, hole_of
 from models.torque_and_drag import TorqueDragOperations, torque_drag_operations
-from models.torque_drag_effects import TorqueDragEffects, torque_drag_effects
 from toolbox import FrictionLaw, SceneError, quantity
 from toolbox.authoring import NumberOrText, entries, number, whole
 from toolbox.modelling import OptionalQuantities

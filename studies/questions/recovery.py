@@ -136,7 +136,7 @@ def recovered(law: Trial, reference: float, phase: float) -> tuple[float, float,
     """(highest top speed over what is asked, time until the last stick, time until the top is no longer 10 % too fast, weight given up) of a takeover."""
     run, at = law.run(Machine("nominal"), reference, seed=7, phase=phase), law.takeover(reference, phase)
     fast = run.time[(run.time > at) & (run["top.speed"] > ABOVE * reference)]
-    off = measure.extent(run, "lifting.relief", at).mean if getattr(law.clock.law, "weight_relief", None) else 0.0
+    off = measure.extent(run, "takeover.lifting.relief", at).mean if getattr(law.clock.law, "weight_relief", None) else 0.0
     return highest(run, at) / reference, last_stick(run, at), float(fast[-1]) - at if fast.size else 0.0, off
 
 
@@ -144,7 +144,7 @@ def given_up(law: Trial, reference: float) -> tuple[float, float]:
     """(time of the first flag, share of half an hour that is lifted) from inside stick-slip; the first is nan where smooth running is held at the end."""
     at = law.takeover(reference)
     run = law.run(Machine("nominal"), reference, seed=7, duration=at + 1800.0)
-    flags = run.time[run["lifting.gave_up"] > 0.0]
+    flags = run.time[run["takeover.lifting.gave_up"] > 0.0]
     fast, late = run["lifting.reference"] > ABOVE * reference, run.time > run.end - 300.0
     high = np.trapezoid(fast.astype(float), run.time) / 1800.0
     never = np.inf if fast[late].any() or run.time_in("bit", "stick", after=run.end - 300.0) > 0.0 else np.nan

@@ -510,12 +510,12 @@ def test_list_shows_what_a_part_from_tables_takes_as_a_scene_file_reads_it(capsy
     lines = [line.split() for line in made.splitlines()]
     for line in (
         "sections required path of a table",
-        "mud_density 0 kg/m3 density of the mud for buoyancy",
-        "top_drag 0 N m s/rad drag at the ends",
+        "mud_density 0 kg/m3 density of the mud for buoyancy, by default 0 (no mud)",
+        "top_drag 0 N m s/rad drag at the ends, by default 0",
     ):
         assert line.split() in lines
     [on_bottom] = [line for line in lines if line[0] == "on_bottom"]
-    assert " ".join(on_bottom).startswith("on_bottom False whether the last inertia is left to the rock")
+    assert " ".join(on_bottom).startswith("on_bottom False whether the bit is on bottom")
 
 
 def test_list_shows_every_part_on_a_line_and_with_a_name_its_parameters_and_units(capsys):

@@ -360,7 +360,7 @@ def test_interrupted_drives_whose_set_points_are_kept_do_not_say_that_runs_are_l
 def test_an_interrupted_map_says_that_it_goes_on_only_if_a_run_is_kept(keeps, tmp_path, monkeypatch, capsys):
     from toolbox.commands.command_line import main
 
-    def interrupted(loop, ranges, shape, checkpoint):
+    def interrupted(loop, ranges, shape, checkpoint, **options):
         checkpoint.mkdir(parents=True)
         (checkpoint / "runs.jsonl").write_text('{"arguments": {}}\n' + keeps * '{"key": [0.0, 1.0]}\n')
         raise KeyboardInterrupt

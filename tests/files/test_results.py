@@ -14,6 +14,7 @@ from models import (
     Coulomb,
     FrictionCalibration,
     Section,
+    SquealingPad,
     Survey,
     TorqueDrag,
     TorqueDragEffects,
@@ -24,6 +25,7 @@ from models import (
     torque_drag_operations,
     wells,
 )
+from models.squeal import SquealModes
 from tests.plants import BELT, RIG
 from toolbox import (
     Sampled,
@@ -50,7 +52,7 @@ from toolbox.files.results import Result
 from toolbox.measuring.metrics import mean
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.results import Onset
-from toolbox.onsets.severity_map import SeverityMap
+from toolbox.onsets.severity_map import BorderPoints, SeverityMap
 from toolbox.probability import (
     Basin,
     Chance,
@@ -93,6 +95,14 @@ def of_sweep():
 
 def of_severity_map():
     return severity_map(closed_loop(RIG, StiffPI()), {"top.reference": (3.0, 14.0), "bit.weight": ("50 kN", "110 kN")}, shape=(3, 3))
+
+
+def of_border_points():
+    return of_severity_map().border_points("sticking")
+
+
+def of_squeal_modes():
+    return SquealingPad().modes([0.1, 0.3, 0.5])
 
 
 def of_margins():
@@ -247,7 +257,7 @@ MADE = {
     FrequencyResponse: of_frequency_response, StabilityChart: of_stability_chart, ModeShapes: of_mode_shapes,
     DescribingFunction: of_describing_function, TorqueDrag: of_torque_drag, TorqueDragOperations: of_torque_drag_operations,
     FrictionCalibration: of_friction_calibration, TorqueDragEffects: of_torque_drag_effects,
-    Recording: of_recording, Validation: of_validation,
+    Recording: of_recording, Validation: of_validation, BorderPoints: of_border_points, SquealModes: of_squeal_modes,
 }  # fmt: skip
 
 

@@ -206,7 +206,7 @@ def test_the_commands_know_every_measure(tmp_path, capsys):
     assert main(["study", scene, "--metric", "longest_stick", "--out", str(tmp_path / "out")]) == 0
     assert "longest_stick" in capsys.readouterr().out
     heads = (tmp_path / "out" / "table.csv").read_text().splitlines()[0]
-    assert heads.endswith(",files,failure,remark,regime,tone,failed,reason,longest_stick")
+    assert heads.endswith(",files,failure,remark,start,regime,tone,failed,reason,longest_stick")
     assert main(["study", scene, "--out", str(tmp_path / "out")]) == 0  # replaces its own
     assert main(["study", scene, "--metric", "longest", "--out", str(tmp_path / "out")]) == 2
     assert "did you mean `longest_stick`" in capsys.readouterr().err

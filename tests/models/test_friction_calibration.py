@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from models import Section, Survey, calibrate_friction, torque_drag_effects
-from models.torque_drag_effects import STEEL
+from models.drag_effects import STEEL
 from tests.refusals import each_of, refusals
 from toolbox import SceneError
 from toolbox.commands.command_line import main

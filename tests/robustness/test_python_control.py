@@ -88,7 +88,7 @@ def test_poles_margins_and_delay_margin_are_those_of_python_control(law, period,
 )
 def test_poles_of_controllers_with_several_sample_times_are_those_of_python_control(clocks):
     """The plant from one tick to the next by python-control; samples, memory and outputs on their way by hand, over the common period."""
-    laws = [Sampled(Integrating(side), period, delay) for side, (period, delay) in zip(("left", "right"), clocks, strict=True)]
+    laws = [Sampled(Integrating(side, name=side), period, delay) for side, (period, delay) in zip(("left", "right"), clocks, strict=True)]
     loop = closed_loop(compose(Shaft()), laws)
     ticks = [[round(each / 1e-3) for each in clock] for clock in clocks]
     tick, span = math.gcd(*(each for clock in ticks for each in clock)), math.lcm(*(clock[0] for clock in ticks))

@@ -260,6 +260,7 @@ def test_a_chain_that_hundreds_of_contacts_hold_rests_and_lets_go_where_its_push
 # --- laws: their clocks
 
 
+@pytest.mark.filterwarnings("ignore::toolbox.errors.UnusualValue")  # no machine, but numbers that the engine must survive
 @pytest.mark.parametrize("name", [name for name in LAWS if name not in (*CONTINUOUS, *PERIOD)])
 def test_a_command_that_comes_after_the_run_leaves_the_machine_as_it_is(name):
     law = getattr(controllers, name)()
@@ -269,6 +270,7 @@ def test_a_command_that_comes_after_the_run_leaves_the_machine_as_it_is(name):
     np.testing.assert_allclose(late.at(free.time).states[:, : free.states.shape[1]], free.states, atol=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore::toolbox.errors.UnusualValue")  # no machine, but numbers that the engine must survive
 @pytest.mark.parametrize("name", ["ZTorque", "HInfinity"])
 def test_a_period_at_which_the_filter_of_a_law_would_grow_is_refused(name):
     """One sample of theirs is one step of a Runge-Kutta or an Euler formula, which multiplies the state of the filter by more than one beyond its limit."""
@@ -296,6 +298,7 @@ def test_samples_every_ten_microseconds_are_all_taken(name):
     assert run.time[-1] == 0.01
 
 
+@pytest.mark.filterwarnings("ignore::toolbox.errors.UnusualValue")  # no machine, but numbers that the engine must survive
 @pytest.mark.parametrize("period", [1e-9, 1e-12])
 def test_billions_of_commands_on_their_way_end_in_a_budget_and_not_in_a_shortage_of_memory(period):
     with pytest.raises(BudgetError, match="1000 steps") as failed:

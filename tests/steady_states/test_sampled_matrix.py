@@ -65,7 +65,7 @@ LOOPS = {
 @pytest.mark.parametrize("entries", LOOPS.values(), ids=LOOPS)
 def test_the_matrix_leads_a_linear_loop_where_a_run_leads_it(entries):
     laws = [
-        Sampled(Integrating(side, own=own), period, delay=delay)
+        Sampled(Integrating(side, own=own, name=side), period, delay=delay)
         for side, (period, delay, own) in zip(("left", "right"), entries, strict=False)
     ]
     loop = loop_of(*laws)
@@ -85,7 +85,7 @@ def test_the_matrix_leads_a_linear_loop_where_a_run_leads_it(entries):
 def test_sample_times_come_round_together_and_refuse_to_where_they_never_do():
     assert common_period([0.004, 0.006]) == (pytest.approx(0.012), [3, 2])
     assert common_period([0.1 / 3, 0.1 / 3]) == (0.1 / 3, [1, 1])
-    loop = loop_of(Sampled(Integrating("left"), 0.01), Sampled(Integrating("right"), 0.0100001))
+    loop = loop_of(Sampled(Integrating("left", name="left"), 0.01), Sampled(Integrating("right", name="right"), 0.0100001))
     point = SampledPoint(loop.system, loop.assembly.plant, loop.assembly.clocks, {})
     with pytest.raises(NoDerivative, match="common period"):
         matrix_over_period(point, point.slope(np.zeros(point.n + point.h + point.z)))

@@ -107,7 +107,7 @@ def test_a_held_brake_is_pressed_as_commanded_up_to_the_highest_force_however_fa
 
 def test_groan_of_a_brake_with_a_rate_limit_is_mapped_beyond_the_highest_force():
     loop = closed_loop(BRAKE, HeldSpeed(reference=6.0), element="pad")
-    found = severity_map(loop, {"disc.reference": (3.0, 10.0), "actuator.command": ("0.2 kN", "20 kN")}, shape=(2, 4), halvings=0)
+    found = severity_map(loop, {"car.reference": (0.9, 3.0), "actuator.command": ("0.2 kN", "20 kN")}, shape=(2, 4), halvings=0)
     forces, falls = np.minimum(found.axes[1], 8e3), np.array([(0.43 - 0.40) / 0.4, (0.40 - 0.385) / 0.9])
     expected = (2.0 * falls[:, None] * forces - 200.0) / (2.0 * 10.0)  # of the pad alone, beside a disc of 36 kg m2
     np.testing.assert_allclose(found.growth[:, 1:], expected[:, 1:], rtol=1e-3)

@@ -48,7 +48,7 @@ class Dials(Controller):
     gain: float = quantity(1.0, "1", "must be positive", above=0)
 
     def continuous(self, signal):
-        return Equations(outputs={"top.torque": (self.torque, "N m"), "dials.dial": (self.dial, "1")})
+        return Equations(outputs={"top.torque": (self.torque, "N m"), "read.dial": (self.dial, "1")})
 
 
 def scene(*cases, duration=0.1, **changes):
@@ -157,7 +157,7 @@ def test_the_front_of_two_distances_is_all_that_lies_between_their_zeros():
 def test_a_front_that_is_not_convex_is_reached_in_its_middle():
     # C. M. Fonseca, P. J. Fleming 1995: both numbers equal between -1/sqrt 2 and 1/sqrt 2 on the front
     def numbers(run):
-        return np.array([end(run, "top.torque") / 1000.0, end(run, "dials.dial")])
+        return np.array([end(run, "top.torque") / 1000.0, end(run, "read.dial")])
 
     objectives = {
         "one": lambda run: 1 - math.exp(-np.sum((numbers(run) - 1 / math.sqrt(2)) ** 2)),
@@ -325,7 +325,7 @@ def test_an_objective_that_does_not_exist_is_infinitely_bad():
     found = tune(
         scene(),
         Dials(),
-        {"root": lambda run: math.sqrt(x) if (x := end(run, "dials.dial")) >= 0 else math.nan},
+        {"root": lambda run: math.sqrt(x) if (x := end(run, "read.dial")) >= 0 else math.nan},
         {"dials.dial": (-1.0, 1.0)},
         runs=60,
     )

@@ -40,10 +40,10 @@ class Identification(Fit):
     names, units, values, standard_errors, covariance, confidence, interval_factor
         Names and SI units of the estimates, their values and standard errors, shape (k,), and covariance, shape (k, k).
         The confidence interval is value +- interval_factor * standard error, at the confidence level `confidence`.
-    residuals, panels, misfit, data_description, outliers, initial_mismatch, held
+    residuals, panels, misfit, data_description, outliers, initial_mismatch, held, stepped
         Deviation of each measured output from the model; measured and fitted values; the model itself; a description of
-        the data; samples that were left out as outliers; deviation of the first samples; and inputs with zero-order
-        hold.
+        the data; samples that were left out as outliers; deviation of the first samples; inputs with zero-order hold;
+        and inputs that jump between lines.
     condition_number, at_bounds, fixed_by, unidentifiable, indistinguishable_friction, sampling_errors
         Condition number of the scaled Jacobian; estimates at a bound; reasons why numbers cannot reach their optimum;
         numbers without influence; friction law whose static and kinetic friction the data cannot distinguish; and

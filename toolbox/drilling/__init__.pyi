@@ -18,4 +18,4 @@ from .groups import drawn_group as drawn_group
 from .groups import machine_groups as machine_groups
 from .lowest_set_point import LowestSetPoints as LowestSetPoints
 from .lowest_set_point import SetPointLimit as SetPointLimit
-from .start_up import start_up as start_up
+from .planned_start import start_up as start_up

@@ -192,7 +192,7 @@ def law_of(part: Component) -> Component:
 
 def holds_controller(part: Component) -> bool:
     """Whether a part has a controller as a field."""
-    return any(hasattr(getattr(part, field.name), "actuated_signals") for field in fields_of(type(part)))
+    return dataclasses.is_dataclass(part) and any(hasattr(getattr(part, field.name), "actuated_signals") for field in fields_of(type(part)))
 
 
 def own_word(law: Component, memory: Iterable[State]) -> str:

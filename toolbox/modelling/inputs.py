@@ -18,8 +18,7 @@ import numpy as np
 from toolbox.arguments import finite_array, number, whole
 from toolbox.errors import SceneError
 from toolbox.files.units import TypedNumber, parse
-from toolbox.modelling.start_up import COARSE, STEP, commanded
-from toolbox.modelling.start_up import motion as start_up_motion
+from toolbox.modelling import start_up as planned
 
 UNITS: dict[str, dict[str, str]] = {
     "step": {"before": "", "after": "", "at": "s"},
@@ -552,10 +551,10 @@ def start_up(
     }
     for name, value in rest.items():
         number(name, value, at_least=0)
-    found = start_up_motion(end, wind_up, catch, inertia, stiffness, static, kinetic, decay, drag, damping)
-    values = found.top if not proportional else commanded(found, drive_inertia, drive_drag, proportional, integral, delay)
-    nodes = np.append(np.arange(0, values.size - 1, COARSE), values.size - 1)
-    return Table.of("start_up", np.append(begin, begin + STEP * (nodes + 1)), np.append(0.0, values[nodes]))
+    found = planned.motion(end, wind_up, catch, inertia, stiffness, static, kinetic, decay, drag, damping)
+    values = found.top if not proportional else planned.commanded(found, drive_inertia, drive_drag, proportional, integral, delay)
+    nodes = np.append(np.arange(0, values.size - 1, planned.COARSE), values.size - 1)
+    return Table.of("start_up", np.append(begin, begin + planned.STEP * (nodes + 1)), np.append(0.0, values[nodes]))
 
 
 def _half_periods(kind: str, mean: float, amplitude: float, frequency: float, until: float) -> np.ndarray:

@@ -384,8 +384,9 @@ class HybridSystem(Renamed):
     def unknown_element_error(self, name: str) -> SceneError:
         """Make the SceneError for a name that is no element of the plant.
 
-        The method returns the error and does not raise it. An element is a contact, relay or switch with a mode, such as "stick" or "slip+". A contact whose friction law has
-        a memory has no modes, so it is no element. The message of the error says this, or suggests similar names.
+        The method returns the error and does not raise it. An element is a contact, relay or switch with a mode, such as
+        "stick" or "slip+". A contact whose friction law has a memory has no modes, so it is no element. The message of
+        the error says this, or suggests similar names.
 
         Parameters
         ----------

@@ -256,6 +256,9 @@ def of_map(results):
     regions = [row["region"] for row in rows]
     rules += [(f"{name} +\\d", [regions.count(name) / len(regions)]) for name in set(regions)]
     borders = rows_of(folder / "borders.csv")
+    for row in borders:  # the points, in the units of their headings
+        cells = [float(value) for key, value in row.items() if key not in ("border", "line")]
+        rules.append((re.escape(f"{cells[0]:.6g}"[:3]) + r"[\d.]*  ", cells))
     for name in {row["border"] for row in borders}:
         points = np.array([[factor * float(row[key]) for key, factor in factors.items()] for row in borders if row["border"] == name])
         np.testing.assert_allclose(points, np.vstack([segments["sticking"][:1, 0], segments["sticking"][:, 1]]), rtol=1e-12)

@@ -39,7 +39,8 @@ class TorqueDrag(Result):
     depth
         Measured depths [m], shape (n,).
     tension
-        Effective tension [N], shape (n,). The first value is the hook load without the weight of hook and block.
+        Effective tension [N], shape (n,), negative in compression. The first value is the hook load without the weight of
+        hook and block.
     frictionless_tension
         Effective tension [N] without friction along the borehole, shape (n,).
     torque

@@ -274,7 +274,9 @@ class FrictionLaw(Renamed, Declared):
     def evolution(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[ca.SX, Mapping[str, Any]]:
         """Return (friction per unit of load, {internal state: its rate of change}) of a law with memory.
 
-        The friction acts against the slip.
+        The force of the contact is -load times the friction, so in steady sliding the friction has the sign of the slip. It
+        is a casadi expression without a unit, a column if the contact slips in two directions. The rate of an internal
+        state has its unit per second.
 
         Parameters
         ----------

@@ -94,11 +94,12 @@ class HybridSystem(Renamed):
     signals
         {name: (expression, unit)}.
     inputs
-        {name: Input}.
+        {name: Input}, with the fields `name`, `symbol`, `unit` and `default` of an input.
     parameters
-        {name: Parameter}.
+        {name: Parameter}, with the fields `name`, `unit`, `meaning`, `size` (None for a scalar), `offset` (first row of p)
+        and `bounds` of a parameter.
     elements
-        The set-valued elements.
+        The elements with a mode: contacts, relays and switches. Their order is the order of the forces F and modes m.
     modeless
         {contact whose friction law has a memory: name of this law}. Such a contact has no modes.
     begin
@@ -347,7 +348,9 @@ class HybridSystem(Renamed):
         return self._parameter(name).unit
 
     def element(self, name: str) -> Element:
-        """Return the element with this name. Raises SceneError if there is no such element.
+        """Return the element with this name: a contact, relay or switch, as an object such as `DryFriction`.
+
+        Raises SceneError if there is no such element.
 
         Parameters
         ----------

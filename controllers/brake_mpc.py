@@ -39,8 +39,13 @@ class BrakeMPC(BrakeLaw):
 
     The controller predicts the border. It therefore brakes harder than the plan before it must reduce the force. This
     increase of the force is as fast as `force_rate` allows, and so is the jerk of the car. A `jerk` or `car_jerk` limits
-    it: after the force of the planned deceleration is reached for the first time, no change of the force exceeds the
-    jerk, with the friction as measured.
+    it:
+
+        |u_k - u_(k-1)| <= h I jerk / (2 r mu)        jerk = car_jerk / wheel_radius
+
+    The forces u are in N, h in s, I in kg m2, `jerk` in rad/s3, r in m, `car_jerk` in m/s3, and the field `wheel_radius`
+    of the `DiscBrake` in m. mu [1] is the measured friction. The limit always holds while the force falls. While the
+    force rises, it holds from the sample on at which the force of the planned deceleration is reached for the first time.
 
     The plan of the stop and the limits of the command are described in the base class `controllers.brake_law.BrakeLaw`.
 

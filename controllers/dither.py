@@ -108,11 +108,17 @@ class NormalDither(LoadDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SquareDither(NormalDither):
-    """Square-wave dither of a normal load: mean (1 + depth) in the first half of every period, mean (1 - depth) in the second half.
+    """Square-wave dither of a normal load: the load jumps between two values, once in every half period.
 
-    `load` is the name of the input that the controller gives (default `bit.weight`), `mean` the mean of the load
-    (default: the value of this input in the plant), `depth` a fraction of the mean (default 0.5) and `frequency` the
-    frequency [Hz] (default 1). With the name of a force in `over`, the input is plus or minus depth times this force.
+        load(t) = mean (1 + depth s(t)),   s(t) = 1 if sin(2 pi frequency t) >= 0, else -1
+
+    - `load` is the name of the input that the controller gives (default `bit.weight`).
+    - `mean` is the mean of the load [N], by default the value of this input in the plant. `depth` is a fraction of the
+      mean [1] (default 0.5), and `frequency` the frequency [Hz] (default 1).
+    - `over` is the name of a force that another controller commands, such as `brake.force` (default None). With `over`
+      the controller gives the input `load`, such as `brake.disturbance`, the value depth s(t) times this force. `mean`
+      is then ignored.
+
     The controller runs sampled only, so that the jumps are at samples. `toolbox.inputs.square` is the same wave as an
     input.
 

@@ -25,9 +25,13 @@ class ZTorque(TorqueLimits):
     u is the torque of the drive, w the top speed and (w - f) / T_f its filtered acceleration. P, I, J_c and T_f are the
     fields `impedance`, `integral`, `inertia` and `filter_time`.
 
-    Below the frequency sqrt(zeta / (J T_f)) the impedance of the drive is then P (and I / (i om) below I / P). Without
-    compensation the inertia J would dominate. With P equal to the wave impedance of the string, zeta = I_p sqrt(G rho),
-    a wave is not reflected: |r| = |P - zeta| / (P + zeta) = 0.
+    Below the frequency sqrt(zeta / (J T_f)) the impedance of the drive is then P, and below I / P it is I / (i om). om is
+    the frequency [rad/s], i the imaginary unit, J the inertia of the drive [kg m2], and zeta the wave impedance of the
+    string [N m s/rad]. Without compensation the inertia J would dominate.
+
+    For a uniform pipe zeta = I_p sqrt(G rho), with the polar second moment of area I_p [m4], the shear modulus G [Pa] and
+    the density rho [kg/m3]. The drive reflects the fraction |P - zeta| / (P + zeta) of the amplitude of a wave, so that
+    no wave is reflected if P = zeta.
 
     The inertia cannot be compensated completely through a filter. J_c = J (1 - sqrt(zeta T_f / J))^2 gives drive and
     filter a double real pole at -sqrt(zeta / (J T_f)).
@@ -35,8 +39,9 @@ class ZTorque(TorqueLimits):
     `design` takes missing numbers from a lumped chain:
 
     - zeta = sqrt(k J_b), with the stiffness k of all springs in series and the inertia J_b below the drive;
-    - P = zeta minus the drag of the drive;
-    - I = zeta sqrt(k / J_b) / 5.
+    - P = max(zeta - D, 0), with the viscous drag D of the drive [N m s/rad], the field `top_drag` of the chain;
+    - I = zeta sqrt(k / J_b) / 5;
+    - J_c by the formula above, with max(zeta, D) in place of zeta, and J_c = 0 if zeta T_f > J.
 
     Torque limits: if they are given, z has anti-windup by back-calculation, with the term (command - wanted) /
     `back_calculation`. `design` sets `back_calculation` to zeta. wanted is the torque u before the limits, command the

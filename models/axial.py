@@ -19,8 +19,9 @@ class AxialChain(Component):
 
         m_i v_i' = N_i - N_(i-1) - drag m_i v_i,   N_i = k_i stretch_i + c_i (v_(i+1) - v_i),   stretch_i' = v_(i+1) - v_i
 
-    Symbols and their fields: m_i `mass` [kg], k_i `stiffness` [N/m], c_i `damping` [N s/m], `drag` [1/s], gravity
-    `gravity` [m/s2], H `hook_load` [N].
+    The masses are i = 1 to n, top first. v_i is the speed of mass i, and N_i the force between the masses i and i+1,
+    positive in tension. Symbols and their fields: m_i `mass` [kg], k_i `stiffness` [N/m], c_i `damping` [N s/m], `drag`
+    [1/s], gravity `gravity` [m/s2], H `hook_load` [N].
 
     Speeds are positive downwards. Stretches and forces are counted from the string that hangs freely, where all of them
     are zero. So the weight appears only at the hook: N_0 = H - G at the first mass and N_n = -W at the last mass. H is
@@ -28,12 +29,16 @@ class AxialChain(Component):
 
     There are two kinds of top end:
 
-    - With `hook_load` the hook load H is imposed. n masses have n-1 springs and 2n-1 states.
+    - With `hook_load` the hook load H is imposed. n masses have n-1 springs and 2n-1 states. The entry `stiffness[0]` is
+      k_1, the spring between the first two masses, and `stiffness[n-2]` is k_(n-1).
     - Without `hook_load` the hook moves at a given speed and carries the string with hoisting lines. n masses then have
-      n springs and 2n states. The hoisting lines are the first spring. Its stretch gives N_0 = k_0 stretch_0 + c_0
-      stretch_0', with the hook speed as speed v_0 above it.
+      n springs and 2n states. The entry `stiffness[0]` is k_0, the hoisting lines, and `stiffness[n-1]` is k_(n-1). The
+      stretch of the hoisting lines gives N_0 = k_0 stretch_0 + c_0 stretch_0', with the hook speed as speed v_0 above
+      the lines.
 
-    The states are `axial.stretch` [m] and `axial.speed` (n) [m/s].
+    The fields `mass`, `stiffness` and `damping` are tuples, whose entries are counted from 0. `damping` and the state
+    `axial.stretch` have the same order as `stiffness`. The states are `axial.stretch` [m], one entry for each spring, and
+    `axial.speed` (n) [m/s].
 
     - Needs the signals `hook.load` [N] (default: the field `hook_load`) or `hook.speed` [m/s], positive downwards
       (default 0), and `bit.weight` W [N] (default 0: off bottom).

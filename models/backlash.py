@@ -21,10 +21,15 @@ class BacklashDrive(Component):
 
     Symbols and their fields: m1 `driving_mass` and m2 `driven_mass` [kg], `play` [m], F1 and F2 friction laws
     `driving_friction` and `driven_friction`. x1, v1 and x2, v2 are position [m] and speed [m/s] of the first and the
-    second body.
+    second body. `play` is the distance from the middle of the gap to each side, so the whole gap is 2 `play`.
 
-    The input is the force P on the first body, `driver.force` [N]. F1 and F2 are the frictions of the bodies, N+ and N-
-    the contact forces at both sides of the gap.
+    F1 and F2 are the frictions between bodies and ground. Their load is 1, so the coefficients of both friction laws are
+    forces [N]. N+ >= 0 is the contact force at x1 - x2 = `play`, where the first body pushes the second body, and N- >= 0
+    the contact force at x1 - x2 = -`play`, where it pulls. Both contacts are rigid, with the field `restitution` [1].
+
+    - Needs the signal `driver.force` P [N] (default 0), the force on the first body.
+    - States: `driver.position` x1 [m], `driver.speed` v1 [m/s], `driven.position` x2 [m], `driven.speed` v2 [m/s].
+    - Contacts: `push` (N+) and `pull` (N-), `driving_guide` and `driven_guide`.
 
     The default values are examples without a source.
 

@@ -52,11 +52,17 @@ class Wound(FrictionLaw):
 class BandBrake(Component):
     """Drum with a band brake: the friction increases the tension of the band in one direction and reduces it in the other.
 
-        J w' = T + R F_band,   |F_band| <= gain pull
-        gain = exp(mu angle) - 1 in the direction of the pull, 1 - exp(-mu angle) against it
+        J w' = T + R F_band
+        w > 0:  F_band = -(exp(mu angle) - 1) pull
+        w < 0:  F_band = (1 - exp(-mu angle)) pull
+        w = 0:  -(exp(mu_s angle) - 1) pull <= F_band <= (1 - exp(-mu_s angle)) pull
 
-    Symbols and their fields: J `inertia` [kg m2], R `radius` [m], angle `wrap_angle` [rad], mu friction law `friction`. w is
-    the speed of the drum [rad/s] and pull the signal `drum.pull` [N].
+    Symbols and their fields: J `inertia` [kg m2], R `radius` [m], angle `wrap_angle` [rad]. mu is the kinetic and mu_s the
+    static coefficient of the friction law `friction` [1]. w is the speed of the drum [rad/s], pull the signal `drum.pull`
+    [N], and F_band the friction force of the band on the drum [N].
+
+    w is positive if the drum turns in the direction that tightens the band: its surface then moves along the band from
+    the anchored end towards the end at which the actuator pulls.
 
     - Needs the signals `drum.torque` T [N m] (default 0) and `drum.pull` [N] (default 0, must stay >= 0), the force of
       the actuator at the end of the band.

@@ -147,7 +147,8 @@ class BlocksOnBelt(Component):
         m_i v_i' = u_i - k_i x_i - c_i v_i + q_i (x_(i+1) - x_i) - q_(i-1) (x_i - x_(i-1)) + F_i
 
     Symbols and their fields: m_i `mass` [kg], k_i `stiffness` [N/m], c_i `damping` [N s/m], q_i `tie` [N/m], v_belt
-    `belt_speed` [m/s].
+    `belt_speed` [m/s]. The n blocks are counted from 0. q_i joins the blocks i and i+1, so `tie` has n-1 entries. All
+    other tuples have n entries.
 
     F_i is dry friction with the slip speed v_i - v_belt. This is the smallest plant in which several contacts stick at
     different times.

@@ -289,14 +289,17 @@ def _den_hartog(block: BlockOnBelt, frequency: float) -> tuple[float, float, flo
 def bearable_fall(chain: TorsionalChain, *, held: bool = False) -> float:
     """Compute the negative damping d at the bit of a string of two inertias at which steady rotation becomes unstable.
 
+    d is the amount by which the torque of the rock may fall per rise of the bit speed, -dT/dw [N m s/rad], as a positive
+    number.
+
         held (the drive keeps the top speed constant):  d = c + c_b
         free (the drive gives a constant torque):       a_2 a_1 = a_0 of s^3 + a_2 s^2 + a_1 s + a_0, with e = c_b - d:
             a_2 = (c + c_r) / J_r + (c + e) / J_b,   a_1 = (k J_r + k J_b + c c_r + c e + c_r e) / (J_r J_b),   a_0 = k (c_r + e) / (J_r J_b)
 
-    J_r, J_b, c_r, c_b, k and c are the inertias of drive and bit, the drags of drive and bit, and stiffness and damping
-    of the string. The first equation of the free drive is quadratic in e, and its largest root gives d. If c_r + e
-    reaches zero at a larger e than this root, the speed runs away before oscillations grow. This case is not
-    computed. Source: Hurwitz's criterion.
+    J_r and J_b are the inertias of drive and bit [kg m2], c_r and c_b their drags [N m s/rad], and k and c stiffness [N
+    m/rad] and damping [N m s/rad] of the string. The first equation of the free drive is quadratic in e, and its largest
+    root gives d. If c_r + e reaches zero at a larger e than this root, the speed runs away before oscillations grow. This
+    case is not computed. Source: Hurwitz's criterion.
 
     Parameters
     ----------
@@ -313,7 +316,7 @@ def bearable_fall(chain: TorsionalChain, *, held: bool = False) -> float:
     Raises
     ------
     SceneError
-        If the string does not have two inertias, or if no damping at the bit makes the string oscillate.
+        If the string does not have two inertias, or if steady rotation becomes unstable at no value of d.
 
     Examples
     --------

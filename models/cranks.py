@@ -42,10 +42,15 @@ class CrankSlider(Component):
 
     Symbols and their fields: J `inertia` [kg m2], m `mass` [kg], r `crank` [m], l `rod` [m], d `damping` [N m s/rad].
 
-    a is the angle of the crank [rad], w its speed [rad/s], x the position of the slider [m] and F the friction at the
-    guide [N]. The input is the torque T, `crank.torque` [N m].
+    a is the angle of the crank [rad], w its speed [rad/s], x the distance of the slider from the axis of the crank [m] and
+    F the friction at the guide on the slider [N], against its speed p w. At a = 0 the slider is at its largest distance r
+    + l. The load of the guide is 1, so the coefficients of the friction law `friction` are forces [N].
 
-    At a dead centre p = 0, so the friction of the guide does not hold the crank there.
+    - Needs the signal `crank.torque` T [N m] (default 0).
+    - Gives the signals `slider.position` x [m] and `slider.speed` p w [m/s].
+    - States: `crank.angle` a [rad] and `crank.speed` w [rad/s]. Contact: `guide`.
+
+    At a dead centre (a = 0 or pi) p = 0, so the friction of the guide does not hold the crank there.
 
     J is the inertia of the crank shaft with damping d, m the mass of the slider, r the length of the crank and l the
     length of the rod.
@@ -89,8 +94,13 @@ class ScotchYoke(Component):
 
     Symbols and their fields: J `inertia` [kg m2], m `mass` [kg], r `crank` [m], d `damping` [N m s/rad].
 
-    a is the angle of the crank [rad], w its speed [rad/s], x the position of the yoke [m] and F the friction at the
-    guide [N]. The input is the torque T, `crank.torque` [N m].
+    a is the angle of the crank [rad], w its speed [rad/s], x the position of the yoke [m], 0 in the middle of its stroke,
+    and F the friction at the guide on the yoke [N], against its speed p w. The load of the guide is 1, so the
+    coefficients of the friction law `friction` are forces [N].
+
+    - Needs the signal `crank.torque` T [N m] (default 0).
+    - Gives the signals `slider.position` x [m] and `slider.speed` p w [m/s] of the yoke.
+    - States: `crank.angle` a [rad] and `crank.speed` w [rad/s]. Contact: `guide`.
 
     J is the inertia of the crank shaft with damping d, m the mass of the yoke and r the length of the crank. At a dead
     centre p = 0, so the friction of the guide does not hold the crank there. The default values are examples without a

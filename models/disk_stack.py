@@ -161,7 +161,16 @@ class DiskStack(Component):
         return (force - self.actuator_force) * (1 / self.back_stiffness + behind / self.contact_stiffness)
 
     def axial_frequencies(self) -> np.ndarray:
-        """Compute the undamped axial natural frequencies of the closed stack [rad/s], shape (2n+1,), ascending."""
+        """Compute the axial natural frequencies of the closed stack without damping.
+
+        The stack is closed if all neighbouring disks touch, so that every interface acts as a spring of the stiffness
+        `contact_stiffness`. The last stator is held by the spring `back_stiffness`.
+
+        Returns
+        -------
+        numpy.ndarray
+            Natural frequencies [rad/s], ascending, shape (2n+1,), with the number n of rotors (the field `rotors`).
+        """
         masses = [self.stator_mass, *[self.rotor_mass, self.stator_mass] * self.rotors]
         springs = [*[self.contact_stiffness] * (2 * self.rotors), self.back_stiffness]
         return 2 * np.pi * chain_frequencies([*masses, 1.0], springs, bit_held=True)  # behind the back plate nothing moves

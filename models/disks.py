@@ -90,8 +90,11 @@ class TwoDisks(Component):
     [N m s/rad], R `radius` [m], mu friction law `friction`. w1 and w2 are the speeds of rotor and stator [rad/s], th2
     is the angle of the stator [rad].
 
-    - Needs the signals `disks.torque` T [N m] (default 0) and `disks.normal_force` N [N] (default: the field
-      `normal_force`).
+    F is the friction torque on the rotor [N m], against the slip speed w.
+
+    - Needs the signals `disks.torque` T [N m] (default 0), the torque on the rotor, and `disks.normal_force` N [N]
+      (default: the field `normal_force`).
+    - States: `disks.rotor_speed` w1 [rad/s], `disks.stator_angle` th2 [rad] and `disks.stator_speed` w2 [rad/s].
     - Contact: `disks`.
 
     This model is a reconstruction, because only the abstract of J. A. Larsson and K. Farhang (2016) is public. The
@@ -157,6 +160,10 @@ class PressedDisks(Component):
     - Needs the signals `disks.torque` T [N m] (default 0) and `disks.actuator_force` F_a [N] (default: the field
       `actuator_force`).
     - Gives the signal `disks.normal_force` N [N].
+    - States of the torsion: `disks.rotor_speed` w1 [rad/s], `disks.stator_angle` th2 [rad] and `disks.stator_speed` w2
+      [rad/s].
+    - States of the axial motion: `disks.rotor_position` z1 and `disks.stator_position` z2 [m], positive in the direction
+      in which the actuator pushes, with `disks.rotor_axial_speed` and `disks.stator_axial_speed` [m/s].
     - Contacts: `disks` (stick and slip) and `disks.faces` (open and closed).
 
     Friction has no influence on the axial motion.

@@ -39,7 +39,7 @@ def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float
     law
         The friction law.
     speed
-        Mean slip speed v.
+        Mean slip speed v, in the unit of the slip of the contact [m/s or rad/s], positive or negative.
     amplitude
         Velocity amplitude B >= 0 of the dither, in the unit of v.
 

@@ -141,8 +141,8 @@ def torque_drag_effects(
 ) -> TorqueDragEffects:
     """Compute how much each number of a well changes hook load and torque.
 
-    Each number is changed by itself: the friction factor of each part of the borehole, mud density, weight on bit,
-    torque on bit, and the weight of the string in air.
+    Each number is changed by itself, to a lower and to a higher value: the friction factor of each part of the borehole,
+    mud density, weight on bit, torque on bit, and the weight of the string in air. Numbers that are 0 are left out.
 
     Parameters
     ----------
@@ -166,7 +166,9 @@ def torque_drag_effects(
     Returns
     -------
     TorqueDragEffects
-        Changes of hook load while picking up and slacking off, and of torque on bottom. `plot()` draws a tornado chart.
+        For each number, the changes of the hook load while picking up and while slacking off [N], and of the torque at
+        the top while rotating on bottom [N m] (off bottom if neither a weight nor a torque on bit is given). `plot()`
+        draws a tornado chart.
 
     Raises
     ------

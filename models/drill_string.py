@@ -20,8 +20,10 @@ class TorsionalChain(Component):
         J_i w_i' = tau_(i-1) - tau_i - c_i w_i + T_i,   tau_i = k_i twist_i + c_i,i+1 (w_i - w_(i+1)),   twist_i' = w_i - w_(i+1)
 
     Symbols and their fields: J_i `inertia` [kg m2], k_i `stiffness` [N m/rad], c_i,i+1 `damping` [N m s/rad], c_i
-    `drag`, `top_drag` and `bit_drag` [N m s/rad]. T_i is the torque on inertia i from outside [N m]: `top.torque` on
-    the first, -`bit.torque` on the last inertia, and dry friction.
+    `drag`, `top_drag` and `bit_drag` [N m s/rad]. The inertias are counted from 0, top first, as the entries of the
+    fields: `stiffness[i]` and `damping[i]` lie between the inertias i and i+1. twist_i is the angle by which inertia i is
+    ahead of inertia i+1, and tau_i the torque of the spring between both. T_i is the torque on inertia i from outside [N
+    m]: `top.torque` on the first, -`bit.torque` on the last inertia, and dry friction.
 
     The states are twists instead of angles: n inertias have 2n-1 states, `chain.twist` (n-1) [rad] and `chain.speed`
     (n) [rad/s].
@@ -34,7 +36,7 @@ class TorsionalChain(Component):
     Gives the signals
 
     - `top.speed` and `bit.speed` [rad/s];
-    - `top.load` [N m], the torque of the string on the top inertia;
+    - `top.load` tau_0 [N m], the torque with which the string loads the top inertia, positive against the rotation;
     - `bit.free_acceleration` [rad/s2], the acceleration of the last inertia without the rock;
     - `bit.inertia` [kg m2].
 
@@ -42,8 +44,9 @@ class TorsionalChain(Component):
 
     - `friction`: dry friction law at the inertias. The contact of inertia i is `chain.i`, i from 0, with the load
       `friction_load[i]`.
-    - `friction_load`: one normal load [N] per inertia. If it has n-1 entries, the last inertia has no friction (use
-      this if `BitRock` acts there).
+    - `friction_load`: one load [N m] per inertia, the side force times the radius that touches the borehole. The
+      friction torque is the load times the coefficient of friction. If `friction_load` has n-1 entries, the last inertia
+      has no friction (use this if `BitRock` acts there).
     - `friction_at`: indices of the inertias that have friction, one index for each load. Inertias that are not listed
       have no friction.
     - `drag`: viscous drag c_i of every inertia, in addition to `top_drag` and `bit_drag`.

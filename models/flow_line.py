@@ -25,22 +25,26 @@ class FlowLine(Component):
 
         C_i p_i' = Q_(i-1) - Q_i,     L_i Q_i' = p_i - p_(i+1) - R_i Q_i - K_i Q_i |Q_i| - F_i
 
-    p_i is the pressure at the inlet of segment i and Q_i the flow through it. Q_0 is the flow into the line, and
-    p_(n+1) is the pressure at the outlet. n segments have 2 n states, `line.pressure` [Pa] and `line.flow` [m3/s].
+    The n segments are counted from the inlet, i = 0 to n-1. p_i is the pressure at the inlet of segment i, and Q_i the
+    flow through the segment, positive towards the outlet. Q_(-1) is the flow into the line, and p_n the pressure at the
+    outlet. n segments have 2 n states, `line.pressure` [Pa] and `line.flow` [m3/s].
 
-    - Needs the signals `line.inlet_flow` Q_0 [m3/s] (default 0) and `line.outlet_pressure` p_(n+1) [Pa] (default 0).
-    - Gives the signals `line.inlet_pressure` p_1 [Pa] and `line.outlet_flow` Q_n [m3/s].
+    - Needs the signals `line.inlet_flow` Q_(-1) [m3/s] (default 0) and `line.outlet_pressure` p_n [Pa] (default 0).
+    - Gives the signals `line.inlet_pressure` p_0 [Pa] and `line.outlet_flow` Q_(n-1) [m3/s].
 
     R, K, L and C are the fields `resistance` [Pa s/m3], `loss` [Pa s2/m6], `inertance` [Pa s2/m3] and `compliance`
     [m3/Pa], with one entry per segment. The loss of a nozzle at the end is part of the last K
     (`models.flow_line.nozzle_loss`).
 
-    `gel` adds the yield pressure F_i of a fluid that gels at rest: |F_i| <= load_i static at rest, and |F_i| = load_i
-    sliding(|Q_i|) in flow, with the numbers of the friction law `gel`. The contact of segment i is `line.i` (i from 0).
-    load_i is `gel_pressure` [Pa] of the segment. For a round pipe of length l and diameter d it is 4 tau l / d, with
-    the yield stress tau at the wall. The gel has its full strength again as soon as the flow stops. A line of a single
-    segment begins to flow at the full strength of its gel. A line of many segments begins to flow segment by segment
-    from the pump on, at a lower pressure (see `studies/questions/networks.py`).
+    `gel` adds the yield pressure F_i [Pa] of a fluid that gels at rest, as dry friction with the contact `line.i`:
+
+        at rest |F_i| <= P_i mu_s,     in flow F_i = P_i mu(|Q_i|) sgn(Q_i)
+
+    P_i is the field `gel_pressure` [Pa] of the segment. mu_s and mu are the static and the kinetic coefficient of the
+    friction law `gel` [1]. For a segment of a round pipe of length l and diameter d, P_i is 4 tau l / d, with the yield
+    stress tau at the wall [Pa]. The gel has its full strength again as soon as the flow stops. A line of a single segment
+    begins to flow at the full strength of its gel. A line of many segments begins to flow segment by segment from the
+    pump on, at a lower pressure (see `studies/questions/networks.py`).
 
     Range of validity: one-dimensional flow, laminar if R is the resistance of Poiseuille; waves that are about ten
     segments long or longer. Pressures are relative to the surroundings. The default values are examples without a
@@ -93,7 +97,8 @@ class FlowLine(Component):
         end_loss
             Loss K of the last segment [Pa s2/m6], by default 0.
         gel
-            Friction law of the yield stress [Pa] at the wall. None (default) for a fluid that does not gel.
+            Friction law whose coefficients are the yield stress at the wall [Pa]: `gel_pressure` is then 4 l / diameter.
+            None (default) for a fluid that does not gel.
 
         Returns
         -------

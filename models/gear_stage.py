@@ -25,8 +25,14 @@ class GearStage(Component):
         J1 w1' = T1 - tau + M_teeth + M_bearing,   J2 w2' = i tau + T2,   tau = k (a1 - i a2) + c (w1 - i w2)
         |M_teeth| <= mu(|w1|) |tau|,   M_bearing by its own friction law
 
-    The inputs are the torques T1 and T2, `input.torque` and `output.torque` [N m]. The friction of the teeth is
-    proportional to the transmitted torque tau, with a coefficient mu from a table over the speed w1.
+    T1 and T2 are the external torques, positive in the direction of positive speeds: a load on the driven shaft has
+    T2 < 0. The friction of the teeth acts on the driving shaft, against w1. It is proportional to the transmitted torque
+    tau, with a coefficient mu from a table over the speed w1. The bearing is on the driving shaft, and its friction law is
+    a torque [N m].
+
+    - Needs the signals `input.torque` T1 and `output.torque` T2 [N m] (default 0).
+    - States: `input.speed` w1 and `output.speed` w2 [rad/s], `teeth.twist` a1 - i a2 [rad].
+    - Contacts: `teeth` and `bearing`.
 
     a1 and a2 are the angles [rad], w1 and w2 the speeds [rad/s] of the driving and the driven shaft, and i is the field
     `ratio` [1]. Symbols and their fields: J1 `driving_inertia` and J2 `driven_inertia` [kg m2], k `stiffness` [N

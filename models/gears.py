@@ -233,8 +233,9 @@ class GearNetwork(Component):
         train (a, b, c):  windup' = w_a - i0 w_b - (1 - i0) w_c,     tau = k_m windup + c_m windup'
                           T_a = tau eta^-s,   T_b = -i0 tau,   T_c = -(T_a + T_b)
 
-    i0 is the ratio w_a / w_b with a carrier c at rest, eta the efficiency of the teeth, and s = +1 or -1 the direction
-    of the power through the teeth.
+    T_i is the torque on node i from outside. T_a, T_b and T_c are the torques of the nodes on the train. i0 is the ratio
+    w_a / w_b with a carrier c at rest, eta the efficiency of the teeth, and s = sgn(T_a (w_a - w_c)) the direction of the
+    power through the teeth, as seen from the carrier: s = +1 if it flows from a to b, and s = -1 if it flows from b to a.
 
     Structure, by names of nodes:
 

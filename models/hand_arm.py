@@ -34,7 +34,11 @@ class HandArm(Component):
 
     Symbols and their fields: m_i `mass` [kg], k_i `stiffness` [N/m], c_i `damping` [N s/m].
 
-    v_0 is the speed of the handle, and v_(n+1) = 0 is the ground. n masses have n + 1 springs and dampers.
+    The masses are i = 1 to n, counted from the handle. v_0 is the speed of the handle, and v_(n+1) = 0 is the ground.
+    Speeds are positive from the handle towards the ground. n masses have n + 1 springs and dampers: `stiffness[0]` and
+    `damping[0]` are k_1 and c_1, between handle and first mass, and the last entries are k_(n+1) and c_(n+1), between
+    last mass and ground. e_i is the compression [m] and f_i the force [N] of spring and damper i, positive in
+    compression.
 
     `attached_to` names the part that the hand holds. With "handle" (no other part):
 

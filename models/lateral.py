@@ -251,11 +251,20 @@ class WhirlingCollar(Component):
 
 
 def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None, name: str = "collar") -> float:
-    """Measure the whirl ratio theta'/phi': revolutions of the centre of a collar around the borehole per revolution of
-    the collar.
+    """Measure the whirl ratio: revolutions of the centre of a collar around the borehole per revolution of the collar.
 
-    The ratio is 1 in forward synchronous whirl and -R_co/gap while the collar rolls backward along the wall. If the
-    centre passes through the middle of the borehole, this counts as half a revolution, in either direction.
+        ratio = (theta(end) - theta(begin)) / (phi(end) - phi(begin)),   theta = atan2(z, y), counted on over full turns
+
+    phi is the angle of rotation of the collar, the state `collar.angle` [rad]. theta is the polar angle of its centre in
+    the borehole [rad], from the signals `collar.y` y and `collar.z` z [m]. begin and end are the ends of the window.
+
+    The ratio is positive if the centre moves around the borehole in the direction in which the collar rotates:
+
+    - 1 in forward synchronous whirl;
+    - -R_co/gap while the collar rolls backward along the wall without slip. R_co is the outer radius of the collar and
+      gap the radial clearance between collar and borehole, both [m].
+
+    If the centre passes through the middle of the borehole, this counts as half a revolution, in either direction.
 
     Parameters
     ----------
@@ -269,7 +278,7 @@ def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None,
     Returns
     -------
     float
-        The ratio [1]. nan if the collar does not turn.
+        The ratio [1], the mean over the window. nan if the angle of the collar is the same at both ends of the window.
 
     Raises
     ------

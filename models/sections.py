@@ -80,8 +80,9 @@ class Section(Renamed):
 
         A = pi (OD^2 - ID^2) / 4,   J = pi (OD^4 - ID^4) / 32,   c = sqrt(G / rho),   zeta = J sqrt(G rho)
 
-    A is the cross-sectional area, J the polar second moment of area, c the speed of torsional waves and zeta their
-    impedance. OD and ID are outer and inner diameter. With tool joints, which are a fraction q of the length, A,
+    A is the cross-sectional area [m2], J the polar second moment of area [m4], c the speed of torsional waves [m/s], and
+    zeta their impedance [N m s/rad], torque divided by speed of rotation. OD and ID are outer and inner diameter [m], G is
+    the shear modulus [Pa] and rho the density [kg/m3]. With tool joints, which are a fraction q of the length, A,
     inertia and torsional compliance are averages, for waves much longer than a joint of pipe. Only the tool joints
     touch the borehole.
 

@@ -26,9 +26,15 @@ class ShoeBrake(Component):
     slip [1], M_bearing friction law `bearing`. w is the speed of the drum [rad/s] and press the signal `drum.press`
     [N].
 
-    The inputs are the torque T, `drum.torque` [N m], and the actuator force on each shoe, `drum.press` [N]. Friction
-    presses the leading shoe more strongly on the drum and the trailing shoe less strongly. c is the lever ratio. If the
-    drum turns backwards, the shoes change their roles. A self-locking brake, mu c >= 1, raises an error.
+    F_leading and F_trailing are the friction forces of the shoes on the drum [N], against its rotation. Friction presses
+    the leading shoe more strongly on the drum and the trailing shoe less strongly. c is the lever ratio. The names hold
+    for w > 0. If the drum turns backwards (w < 0), the shoes change their roles. A self-locking brake, mu c >= 1, raises
+    an error.
+
+    - Needs the signals `drum.torque` T [N m] (default 0) and `drum.press` [N] (default 0, must stay >= 0), the force of
+      the actuator on each shoe.
+    - States: `drum.angle` [rad] and `drum.speed` w [rad/s].
+    - Contacts: `leading`, `trailing` and `bearing`.
 
     The default values are examples without a source. Source of the equations: textbook (R. Limpert, Brake Design and
     Safety, SAE, shoe factors).

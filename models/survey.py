@@ -27,7 +27,7 @@ class Survey:
     inclination
         Inclinations from the vertical [rad].
     azimuth
-        Azimuths [rad].
+        Azimuths [rad], from north (0) towards east (pi/2).
 
     Raises
     ------

@@ -39,7 +39,8 @@ class TorqueDrag(Result):
     depth
         Measured depths [m], shape (n,).
     tension
-        Effective tension [N], shape (n,). The first value is the hook load without the weight of hook and block.
+        Effective tension [N], shape (n,), negative in compression. The first value is the hook load without the weight of
+        hook and block.
     frictionless_tension
         Effective tension [N] without friction along the borehole, shape (n,).
     torque
@@ -218,8 +219,8 @@ def torque_drag(
     Raises
     ------
     SceneError
-        If a table is bad, an argument is out of range, nothing moves, or the load at the top does not act against the
-        friction of the motion.
+        If a table is bad, an argument is out of range, `axial_speed` and `turning_speed` are both 0, or `load_at_top` is
+        given with both speeds or acts in the other direction than the speed.
 
     Examples
     --------
@@ -492,8 +493,12 @@ def torque_drag_operations(
 ) -> TorqueDragOperations:
     """Compute torque and drag of a string in the usual operations of a rig.
 
-    The operations are: rotating on bottom and off bottom, picking up, slacking off, sliding with weight on bit and, if
-    an overpull is given, pulling on a stuck bit.
+    In each operation the whole string moves along the borehole, or rotates in it, and friction acts against this motion:
+
+    - "rotating on bottom", if a weight or a torque on bit is given, and "rotating off bottom";
+    - "picking up" (the string moves upwards) and "slacking off" (downwards);
+    - "sliding with weight on bit" (downwards without rotation), if a weight on bit is given;
+    - "pulling on a stuck bit" (upwards), if an overpull is given.
 
     Parameters
     ----------
@@ -519,12 +524,15 @@ def torque_drag_operations(
     Returns
     -------
     TorqueDragOperations
-        Hook load, drag and torque of every operation. `plot()` draws them over depth.
+        The operations by name: `found["picking up"]` is a `TorqueDrag`, with the hook load `tension[0]` [N], the
+        contribution `drag` of the friction to it [N], and the torque at the top `torque[0]` [N m]. `plot()` draws tension
+        and torque over depth.
 
     Raises
     ------
     SceneError
-        If a table is bad, an argument is out of range, or an operation moves nothing.
+        If a table is bad, the survey or the friction factors end above the lower end of the string, or an argument is
+        out of range.
 
     Examples
     --------

@@ -21,7 +21,8 @@ class TorsionalPendulum(Component):
     the table is ahead of the bit. The model has two states.
 
     - Needs the signals `top.speed` W [rad/s] (default: the field `top_speed`) and `bit.torque` T [N m] (default 0).
-    - Gives the signals `bit.speed` w [rad/s], `top.load` [N m], the torque of the string on the table,
+    - Gives the signals `bit.speed` w [rad/s], `top.load` [N m], the torque with which the string
+      loads the table (positive against the rotation),
       `bit.free_acceleration` [rad/s2], the acceleration of the bit without the rock, and `bit.inertia` [kg m2].
 
     The default values are examples of the size of the 1000 m string in the source.

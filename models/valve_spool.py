@@ -21,9 +21,13 @@ class ValveSpool(Component):
         m v' = P - k x - d v + F_seal - N_upper + N_lower,   -stroke <= x <= stroke
 
     Symbols and their fields: m `mass` [kg], k `stiffness` [N/m], d `damping` [N s/m], `stroke` [m], F_seal
-    friction law `friction`. x and v are position [m] and speed [m/s] of the spool.
+    friction law `friction`, whose coefficients are forces [N]. x and v are position [m] and speed [m/s] of the spool. x is 0
+    in the middle, where the spring has no force, and `stroke` is the distance from the middle to each stop. N_upper >= 0
+    and N_lower >= 0 are the contact forces of the stops at x = `stroke` and x = -`stroke`, with the field `restitution`.
 
-    The input is the force P, `spool.force` [N]. N_upper and N_lower are the contact forces of the stops.
+    - Needs the signal `spool.force` P [N] (default 0), positive in the direction of x.
+    - States: `spool.position` x [m] and `spool.speed` v [m/s].
+    - Contacts: `seal`, `upper` and `lower`.
 
     The default values are examples without a source.
 

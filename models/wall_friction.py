@@ -241,6 +241,21 @@ class StringOnWall(ContactBody):
 
     This class is for scene files. In Python, the function `string_on_wall` makes the same string.
 
+    Fields, for n masses below the hoisting lines, top first:
+
+    - `mass` [kg], shape (n,).
+    - `axial_stiffness` [N/m] and `axial_damping` [N s/m], shape (n,): first the hoisting lines, then the springs between
+      neighbouring masses.
+    - `inertia` [kg m2], shape (n+1,): first the top drive, then one inertia for each mass.
+    - `stiffness` [N m/rad] and `damping` [N m s/rad], shape (n,): springs between neighbouring inertias.
+    - `radius` [m] of the surface that touches the wall.
+    - `loads` [N], shape (n,): side force on the wall at each mass. 0 means no contact.
+    - `friction`: the friction law of all contacts, by default `Coulomb(0.3, 0.3)`.
+    - `top_drive`: whether the top drive is an inertia under a torque, by default False. `top_drag` [N m s/rad] is then
+      its viscous drag, by default 0.
+
+    The method `problem()` returns the string as a `ContactProblem`, the argument of `toolbox.contacts.step_contacts`.
+
     - Inputs: `hook.speed` [m/s], positive downwards, `top.speed` [rad/s], `bit.weight` [N] and `bit.torque` [N m].
     - Outputs: the displacements `axial.i` [m] relative to the hook and the angles `twist.i` [rad] relative to the top
       drive, i from 0.

@@ -91,12 +91,13 @@ def fit(
         law of this contact is then fitted directly to measured force and measured slip, without simulation. By default
         None: the whole loop is simulated.
 
-        The slip must be
-        measured well, because its noise is not modelled. A friction law with memory is integrated along the slip, whose
-        speed or distance is measured. Its start value, such as `belt.deflection`, may be free.
+        The slip must be measured well, because its noise is not modelled. A friction law with memory, such as bristles,
+        has internal states. Their differential equations are solved for the measured slip, given as its speed or its
+        distance. The start value of an internal state, such as `belt.deflection`, may be among the unknowns in `free`.
     window
-        Times (begin, end) [s] of the data that are used. Or several windows that are fitted together, each as a
-        `Window` if it has numbers of its own. By default all data.
+        Part of the data that is used: times (begin, end) [s], or a `Window`. Or a list of such parts, which are fitted
+        together. By default all data. An unknown has the same value in all parts, unless a `Window` names it in `own`:
+        it then has a separate value in this window.
     noise
         {measured signal: standard deviation of its noise, in SI}. By default the noise is estimated from the residuals.
     starts

@@ -297,6 +297,10 @@ class ClosedLoop(Printed):
         """Return the description (value, unit, bounds) of one number of the loop, such as a parameter, an input or a
         start value.
 
+        The result is a `Number` with the attributes `name`, `unit` (SI), `value` (in SI, nan for an input that varies in
+        time), `meaning`, `bounds` and `typical_range`. `overridden` is the name of the input that replaces the number, so
+        that the number has no effect, else None.
+
         Parameters
         ----------
         name

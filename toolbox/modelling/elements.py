@@ -274,7 +274,9 @@ class FrictionLaw(Renamed, Declared):
     def evolution(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[ca.SX, Mapping[str, Any]]:
         """Return (friction per unit of load, {internal state: its rate of change}) of a law with memory.
 
-        The friction acts against the slip.
+        The force of the contact is -load times the friction, so in steady sliding the friction has the sign of the slip. It
+        is a casadi expression without a unit, a column if the contact slips in two directions. The rate of an internal
+        state has its unit per second.
 
         Parameters
         ----------
@@ -292,7 +294,9 @@ class FrictionLaw(Renamed, Declared):
     def energies(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[Any, Mapping[str, Any]]:
         """Return the stored energy and {name: dissipated power} of a law with memory, per unit of load.
 
-        By default the stored energy is 0, and the power of the friction is dissipated.
+        Both are divided by the load of the contact, with which the toolbox multiplies them: the energy is in m, and each
+        power in m/s. For rotation, with a load in N m, the units are rad and rad/s. Without an override, the stored energy
+        is 0, and the whole power of the friction is dissipated.
 
         Parameters
         ----------
@@ -301,7 +305,8 @@ class FrictionLaw(Renamed, Declared):
         speed
             Slip speed, the magnitude |slip| of the slip velocity.
         load
-            Normal load of the contact [N].
+            Normal load of the contact [N, or N m for rotation]. Only a law whose friction is not proportional to the load
+            needs this argument.
         memory
             {internal state: its value}.
         """

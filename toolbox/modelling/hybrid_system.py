@@ -94,11 +94,12 @@ class HybridSystem(Renamed):
     signals
         {name: (expression, unit)}.
     inputs
-        {name: Input}.
+        {name: Input}, with the fields `name`, `symbol`, `unit` and `default` of an input.
     parameters
-        {name: Parameter}.
+        {name: Parameter}, with the fields `name`, `unit`, `meaning`, `size` (None for a scalar), `offset` (first row of p)
+        and `bounds` of a parameter.
     elements
-        The set-valued elements.
+        The elements with a mode: contacts, relays and switches. Their order is the order of the forces F and modes m.
     modeless
         {contact whose friction law has a memory: name of this law}. Such a contact has no modes.
     begin
@@ -187,8 +188,16 @@ class HybridSystem(Renamed):
 
     @property
     def switched_equations(self) -> Switching:
-        """Right-hand sides, forces and guards as expressions of the symbols t, x, u, p and m. The modes m are numbers,
-        so one set of expressions holds for all modes.
+        """Equations of the plant for given modes, as expressions of the symbols t, x, u, p and m.
+
+        The modes m are numbers, so one set of expressions holds for all modes. The result is a named tuple of casadi
+        columns. The columns that most users need are these:
+
+        - `field`: the rates dx/dt of the states, in the order of `states`, shape (n, 1).
+        - `force`, `static`, `slip` and `slip_rate`: force, largest force in stick, slip and rate of the slip of the
+          elements, in the order of `elements`, shape (n_elements, 1).
+        - `guards`: expressions that stay positive while the modes do not change. The first 2 n_elements entries are two
+          guards for each element, in the order of `elements`.
         """
         return self.once("switching", lambda: switching(self.t, self.x, self.flow, self.elements))
 
@@ -315,14 +324,20 @@ class HybridSystem(Renamed):
         return name in self.parameters or (head in self.parameters and tail.isdigit() and int(tail) < (self.parameters[head].size or 0))
 
     def unit(self, name: str) -> str:
-        """Return the unit of a signal, an input, a parameter, or one entry of a vector state or tuple.
+        """Return the SI unit of a signal, an input or a parameter.
 
         Raises SceneError if the name is unknown.
 
         Parameters
         ----------
         name
-            The name, such as "bit.speed".
+            The name, such as "bit.speed". Or one entry of a state that is a vector, such as "chain.speed.0", or of a
+            parameter that is a tuple, such as "chain.inertia.0". Entries are counted from 0.
+
+        Returns
+        -------
+        str
+            The unit, such as "rad/s". "1" for a quantity without a unit.
         """
         if isinstance(name, str) and self.has_signal(name):
             return self.signal_unit(name)
@@ -333,7 +348,9 @@ class HybridSystem(Renamed):
         return self._parameter(name).unit
 
     def element(self, name: str) -> Element:
-        """Return the element with this name. Raises SceneError if there is no such element.
+        """Return the element with this name: a contact, relay or switch, as an object such as `DryFriction`.
+
+        Raises SceneError if there is no such element.
 
         Parameters
         ----------
@@ -368,12 +385,21 @@ class HybridSystem(Renamed):
         return names.index(leader), {int(side * mode): word for mode, word in element.mode_names.items()}
 
     def unknown_element_error(self, name: str) -> SceneError:
-        """Return the SceneError to raise if a name is no element. A contact without modes (a friction law with memory) is no element.
+        """Make the SceneError for a name that is no element of the plant.
+
+        The method returns the error and does not raise it. An element is a contact, relay or switch with a mode, such as
+        "stick" or "slip+". A contact whose friction law has a memory has no modes, so it is no element. The message of
+        the error says this, or suggests similar names.
 
         Parameters
         ----------
         name
             The name that was given.
+
+        Returns
+        -------
+        SceneError
+            The error, for `raise`.
         """
         if name in self.modeless:
             return SceneError(
@@ -421,12 +447,20 @@ class HybridSystem(Renamed):
         return ca.substitute(expression, self.F, self.switched_equations.force) if self.elements else expression
 
     def input(self, name: str) -> Input:
-        """Return the input with this name. Raises SceneError if there is no such input.
+        """Return the description of an input of the plant: its symbol, unit and default.
+
+        Raises SceneError if there is no such input.
 
         Parameters
         ----------
         name
             Name of the input, such as "top.torque".
+
+        Returns
+        -------
+        Input
+            Named tuple of `name`, `symbol` (casadi symbol, an entry of the column u), `unit` (SI unit, such as "N m") and
+            `default` (casadi expression in the parameters p: the value if a run does not give the input).
         """
         if name in self.inputs:
             return self.inputs[name]
@@ -465,12 +499,20 @@ class HybridSystem(Renamed):
         raise SceneError(f"There is no parameter `{name}`: {suggest(name, self.parameters)}")
 
     def with_parameters(self, values: Mapping[str, Any]) -> HybridSystem:
-        """Return the plant with other values of some parameters. The machine code of this plant serves the returned plant, too.
+        """Return a copy of the plant with other values of some parameters.
+
+        Parameters are symbols in the equations. The copy therefore has the same equations, and nothing is compiled again:
+        functions that were compiled for this plant are also used for the copy, with the other values as arguments.
 
         Parameters
         ----------
         values
-            {parameter: value in SI, or text with a unit}.
+            {parameter: value in SI, or text with a unit}. Parameters that are left out keep their values.
+
+        Returns
+        -------
+        HybridSystem
+            The copy. This plant does not change.
 
         Raises
         ------

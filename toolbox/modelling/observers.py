@@ -162,12 +162,24 @@ class ObserverBasedController(Controller):
     def design(self, plant: HybridSystem) -> Any:
         """Return the controller with its inner controller `law` and its observer designed on the plant.
 
-        The result is a Python callable if the observer cannot be written as a casadi expression.
-
         Parameters
         ----------
         plant
             The plant on which the controller is designed.
+
+        Returns
+        -------
+        ObserverBasedController, or callable (t, y) -> u
+            Usually a copy of this controller that contains the designed `law` and the designed observer. For an observer
+            that makes an estimator in Python (`Observer.create_estimator`), a Python callable that the loop calls once
+            per sample of the estimator. Its arguments are the time t [s] and the array y of measurements, in SI and in
+            the order of its attributes `measured_signals` and `defaults`. Its result u is the command, a float in the SI
+            unit of the signal in `actuated_signals`.
+
+        Raises
+        ------
+        SceneError
+            If `delay_samples` is not 0 although the observer makes an estimator in Python.
         """
         check_fields(self.observer)
         estimator = self.observer.create_estimator(plant)

@@ -192,7 +192,7 @@ Regularisation = Callable[[Element], ca.SX]
 
 @new_names_only
 def regularised(width: float, match_static_peak: bool = True) -> Regularisation:
-    """Describe smooth friction of a given width, for `Rollout`.
+    """Describe smooth friction of a given width, for the argument `regularisation` of `Rollout`.
 
     Parameters
     ----------

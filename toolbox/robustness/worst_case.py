@@ -77,9 +77,11 @@ def worst_case(
 
     A run succeeds if, from `after` on,
 
-    - the contact never sticks,
-    - the mean speed is within `mean_within` of its target,
-    - no command deviates by more than `ripple_within` of its mean, and
+    - the judged contact never sticks: the contact that `closed_loop(..., element=...)` names, by default the only
+      contact of the plant with dry friction,
+    - the mean of the judged speed is within `mean_within` of its target: the signal that `closed_loop(..., signal=...)`
+      names, by default the speed of the contact, such as `bit.speed`,
+    - no command of a controller deviates by more than `ripple_within` of its mean, and
     - smooth running is stable on the machine of this run: a small disturbance must not grow, however slowly. A run that
       still oscillates at its end is continued until its regime can be decided.
 
@@ -108,7 +110,9 @@ def worst_case(
         - `TakenOver(initial_controller)`: from the stick-slip of another controller on each machine.
         - `OwnStickSlip()`: from the stick-slip of the loop itself.
         - `AfterConnection()` of `toolbox.drilling`: the weight is taken off and put on again.
-        - Start values {state or held command: value} of each run, such as `cycle_phases` returns.
+        - A list of mappings {name: start value}, in SI, such as `cycle_phases` returns. Each mapping is the start of one
+          run. A name is a state of the plant or of a controller, or the command of a sampled controller, such as
+          `top.torque`. The start value of a command is the value that the controller holds before its first sample.
     seeds
         Seeds of the measurement noise, by default 0 alone. They have an effect only if a `Sampled` controller has
         noise.

@@ -146,8 +146,10 @@ def work_precision(
 ) -> WorkPrecision:
     """Measure error and computing time of a run for several methods, and for several settings of each method.
 
-    The error is the difference from a reference solution. The reference solution is computed by two methods, so that
-    its own error is known.
+    The error [1] is the largest difference from a reference solution, over all times and all states (or `signals`). The
+    difference of a state is divided by the largest magnitude of this state in the reference solution. The reference
+    solution is computed by two methods, so that its own error is known. The computing time [s] is the time of the
+    integration, without compilation.
 
     Parameters
     ----------
@@ -173,7 +175,9 @@ def work_precision(
     Returns
     -------
     WorkPrecision
-        The table. `print`, `plot` and `save` it.
+        One `Point` for each method and setting. `print` shows them as a table with the columns method, setting, error
+        [1], computing time [ms] and number of steps. `plot` draws the time over the error. `save` writes a table with
+        the fields of `Point`, and the time in s.
 
     Raises
     ------

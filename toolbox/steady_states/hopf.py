@@ -243,8 +243,8 @@ def hopf_curve(
     Returns
     -------
     array, shape (len(values),)
-        The Hopf values of the first parameter. If there are several for one value of the second parameter, the
-        outermost value. nan if the range contains no Hopf value, or if there is no smooth running.
+        The Hopf values of the first parameter, in SI. If the range contains several Hopf values for one value of the
+        second parameter, the largest of them. nan if the range contains no Hopf value, or if there is no smooth running.
 
     Raises
     ------

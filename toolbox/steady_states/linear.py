@@ -266,8 +266,10 @@ def linearise(
 
     - The point need not be a steady state. At any other point the matrices describe small deviations from the motion
       through this point, with the time held constant.
-    - One state per sticking contact is left out. States that sticking contacts determine get the values that follow
-      from the stick, unless `at` gives them.
+    - One state per sticking contact is left out of the result, because stick makes it a function of the other states:
+      the state with the largest coefficient in the slip of the contact, and among equal coefficients the last state. For
+      a bit in stick on a chain of two inertias, this is `chain.speed.1`, the speed of the bit. At the point, such a state
+      has the value for which the slip is zero, unless `at` gives the state.
     - Names have "_" in place of ".", because python-control reserves the dot: `sys["bit_speed", "top_torque"]`, states
       `chain_speed[0]`.
 
@@ -277,11 +279,14 @@ def linearise(
         A plant, or a loop whose controllers take part in their continuous form.
     at
         The point: an `Equilibrium`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input:
-        value}. States that the mapping leaves out are 0. Inputs that it leaves out have their value in the loop, else
-        their default. If `at` is the steady state of a loop around this plant, only the plant is linearised there.
+        value}. States that the mapping leaves out have their default start value, usually 0. Inputs that it leaves out
+        have their value in the loop, else their default. If `at` is the steady state of a loop around this plant, only
+        the plant is linearised there.
     mode
-        {contact or relay: mode}, such as {"bit": "stick"}. By default the modes of `at`. If `at` has no modes, contacts
-        slide in the direction of their slip (forwards at zero slip), and relays are on their surface.
+        {contact or relay: mode}, such as {"bit": "stick"}. By default the modes of `at`. If `at` has no modes, each mode
+        follows from the slip v of the contact, or from the value v of the switching surface of the relay, at the point:
+        "slip+" for v > 0 and "slip-" for v < 0. At v = 0 a contact is in "slip+" (in "stick" if it slips in two
+        directions), and a relay in "stick": it keeps its surface at zero.
     inputs
         Names of the inputs to keep. By default all.
     outputs

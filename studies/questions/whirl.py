@@ -76,7 +76,7 @@ def taken_over(phase: int, weight: float = WEIGHT) -> dict[str, Any]:
     run = driven(None, WAYS[0], weight)
     begins = [first for first, _ in measure.stick_intervals(run, "bit", SETTLED)]
     samples = run.at(begins[-2] + phase / PHASES * (begins[-1] - begins[-2]))
-    return {name: value for name, value in state_values(run.program.system, samples.states[0]).items() if not name.startswith("pi.")}
+    return {name: value for name, value in state_values(run.program.system, samples.states[0]).items() if not name.startswith("stiffpi.")}
 
 
 def outcome(run: Trajectory) -> int:

@@ -156,6 +156,7 @@ def well(tmp_path_factory):
         folder / "steady.csv", [[0.1, 8.5], [0.3, 15.5], [0.6, 26.0]], delimiter=",", header="axis.speed [m/s],axis.force [N]", comments=""
     )
     np.savetxt(folder / "log.csv", np.column_stack([run.time, *(run[name] for name in names)]), delimiter=",", header=heads, comments="")
+    (folder / "road.csv").write_text("depth [m],picking up [kN],slacking off [kN]\n1800,700,600\n2200,900,650\n2450,1000,700\n")
     return folder
 
 
@@ -166,6 +167,8 @@ FILES = {
     "STEADY": "steady.csv",
     "WELL": "well.toml",
     "INCLINED": str(SCENES / "aarsnes_shor.toml"),
+    "ROAD": "road.csv",
+    "pi.proportional=500:10e3": "stiffpi.proportional=500:10e3",  # the controller with the label PI is a stiff one here
 }
 
 
@@ -200,6 +203,6 @@ def test_an_origin_names_a_posterior_and_a_log_and_no_journal(well):
             "setpoints", "sampled.toml", "--group", "nominal", "--posterior", "known/posterior.npz", "--draws", "2", "--protocol", "takeover",
             "--range", "top.reference=120 rpm:140 rpm", "--step", "10 rpm", "--out", "lowest",
         ],
-        *[["tune", "rig.toml", *EVERY["tune"][1:], "--checkpoint", "journal", "--out", out] for out in ("tuned", "again")],
+        *[["tune", *(FILES.get(word, word) for word in EVERY["tune"]), "--checkpoint", "journal", "--out", out] for out in ("tuned", "again")],
     ]  # fmt: skip
     check(lines, well, ("journal",))

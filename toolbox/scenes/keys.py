@@ -55,7 +55,7 @@ KEYS: dict[str, tuple[Key, ...]] = {
         Key("law", "", "the plant alone", "a control law of `stickslip list`; where a parameter of it has the name of a key, { law = \"LinearMPC\", "
             "delay = \"30 ms\" }"),
         Key("<parameter>", "of the law", "of the law", "any parameter of the law"),
-        Key("inside", "", "none", "what acts around the law, from the inside out: \"Lifting\", or { law = \"Lifting\", first_factor = 1.6 }, or a list of such"),
+        Key("inside", "", "none", "what acts around the law, from inside out: \"Lifting\", or { law = \"Lifting\", first_factor = 1.6 }, or a list of such"),
         Key("sample_time", "s", "continuous", "period of a sampled law"),
         Key("delay", "s", "0", "time from a sample to its effect; sampled laws only"),
         Key("noise", "of each signal", "none", "standard deviations of what a sampled law measures: { \"shaft.speed\" = 0.01 }"),
